@@ -1,0 +1,12 @@
+# Compiler flags by build type. The release flags were chosen by measurement (docs/performance.md): no fast-math, so that
+# results do not change silently; the two -fno flags let loops with log and sqrt vectorise and change no value.
+set(speed "-O3 -fno-math-errno -fno-trapping-math")
+set(CMAKE_Fortran_FLAGS "${CMAKE_Fortran_FLAGS} -std=f2018 -ffree-line-length-none -fopenmp-simd -Wall -Wextra -Wimplicit-interface -Wno-compare-reals -Wno-unused-dummy-argument -Wno-maybe-uninitialized")
+set(CMAKE_Fortran_FLAGS_RELEASE "${speed} -march=native")
+set(CMAKE_Fortran_FLAGS_PORTABLE "${speed} -march=x86-64-v3")
+set(checks "-fcheck=all,no-array-temps -ffpe-trap=invalid,zero,overflow -finit-real=snan -fbacktrace")
+set(CMAKE_Fortran_FLAGS_DEBUG "-Og -g ${checks}")
+set(CMAKE_Fortran_FLAGS_ASAN "-O1 -g -fcheck=all,no-array-temps -fsanitize=address,undefined -fno-omit-frame-pointer -fbacktrace")
+set(CMAKE_EXE_LINKER_FLAGS_ASAN "-fsanitize=address,undefined")
+set(CMAKE_Fortran_FLAGS_COVERAGE "-O0 -g --coverage")
+set(CMAKE_EXE_LINKER_FLAGS_COVERAGE "--coverage")
