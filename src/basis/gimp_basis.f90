@@ -1,0 +1,117 @@
+!> Weights of each family as a list: which nodes, with which weight S and gradient G, for one particle.
+!>
+!> These are the readable forms; the fast kernels of `transfer` are specialisations of them and are tested equal.
+!> Every list satisfies sum S = 1, sum G = 0, sum x_i S = x_p, sum x_i (x) G = I to round-off. Lengths in units of the
+!> spacing, so G is per spacing.
+module gimp_basis
+  use gimp_kinds, only: wp
+  implicit none(type, external)
+  private
+  public :: weight_list_t, make_weight_list, axis_weights, basis_of_word, basis_words, support_width
+  public :: basis_linear, basis_ugimp, basis_cpgimp, longest_half, narrow_half, most_nodes
+
+  integer, parameter :: basis_linear = 1, basis_ugimp = 2, basis_cpgimp = 3
+  character(len=*), parameter :: basis_words = "linear ugimp cpgimp"
+  real(wp), parameter :: narrow_half = 0.5_wp !! up to this half length a GIMP support has 3 nodes an axis
+  real(wp), parameter :: longest_half = 2.0_wp !! domains are clamped to this half length [cells]
+  real(wp), parameter :: point_half = 1.0e-6_wp !! below this the exact form cancels: take the tent
+  integer, parameter :: most_axis = 6 !! nodes along an axis that the longest domain touches
+  integer, parameter :: most_nodes = most_axis**3
+
+  !> Nodes with their weights and gradients
+  type :: weight_list_t
+    integer :: n = 0
+    integer :: node(3, most_nodes) = 0 !! relative to the origin that positions refer to
+    real(wp) :: s(most_nodes) = 0.0_wp
+    real(wp) :: g(3, most_nodes) = 0.0_wp !! [1/spacing]
+  end type weight_list_t
+
+contains
+
+  !> Number of a basis from its word in the scene, 0 if there is none
+  pure integer function basis_of_word(word) result(basis)
+    character(len=*), intent(in) :: word
+    select case (word)
+    case ("linear"); basis = basis_linear
+    case ("ugimp"); basis = basis_ugimp
+    case ("cpgimp"); basis = basis_cpgimp
+    case default; basis = 0
+    end select
+  end function basis_of_word
+
+  !> Nodes along an axis of a narrow support
+  pure integer function support_width(basis)
+    integer, intent(in) :: basis
+    support_width = 3
+    if (basis == basis_linear) support_width = 2
+  end function support_width
+
+  !> Antiderivative of the unit tent (half width 1) with value 0 at 0
+  pure real(wp) function tent_integral(x)
+    real(wp), intent(in) :: x
+    real(wp) :: c
+    c = min(1.0_wp, max(-1.0_wp, x))
+    tent_integral = c - sign(0.5_wp, c)*c*c
+  end function tent_integral
+
+  pure real(wp) function tent(x)
+    real(wp), intent(in) :: x
+    tent = max(0.0_wp, 1.0_wp - abs(x))
+  end function tent
+
+  !> Weights along one axis for a domain [x - half, x + half]; half = 0 gives the tent (Bardenhagen & Kober 2004; the exact
+  !> form for any half length). Cells are half open: a point on a node belongs to the cell above it.
+  pure subroutine axis_weights(x, half, first, n, s, g)
+    real(wp), intent(in) :: x, half !! position and half length [cells]
+    integer, intent(out) :: first, n !! nodes first .. first + n - 1
+    real(wp), intent(out) :: s(most_axis), g(most_axis)
+    real(wp) :: d
+    integer :: k
+    s = 0.0_wp
+    g = 0.0_wp
+    if (half < point_half) then
+      first = floor(x)
+      n = 2
+      d = x - first
+      s(:2) = [1.0_wp - d, d]
+      g(:2) = [-1.0_wp, 1.0_wp]
+      return
+    end if
+    first = floor(x - half)
+    n = floor(x + half) + 2 - first
+    do k = 1, n
+      d = x - (first + k - 1)
+      s(k) = (tent_integral(d + half) - tent_integral(d - half))/(2.0_wp*half)
+      g(k) = (tent(d + half) - tent(d - half))/(2.0_wp*half)
+    end do
+  end subroutine axis_weights
+
+  !> The weight list of one particle: tensor product of the axes
+  pure subroutine make_weight_list(dim, x, half, list)
+    integer, intent(in) :: dim
+    real(wp), intent(in) :: x(:), half(:) !! (dim) [cells]
+    type(weight_list_t), intent(inout) :: list
+    real(wp) :: s(most_axis, 3), g(most_axis, 3)
+    integer :: first(3), n(3), i, j, k
+    first = 0
+    n = 1
+    s = 0.0_wp
+    s(1, :) = 1.0_wp
+    g = 0.0_wp
+    do k = 1, dim
+      call axis_weights(x(k), half(k), first(k), n(k), s(:, k), g(:, k))
+    end do
+    list%n = 0
+    do k = 1, n(3)
+      do j = 1, n(2)
+        do i = 1, n(1)
+          list%n = list%n + 1
+          list%node(:, list%n) = first + [i, j, k] - 1
+          list%s(list%n) = s(i, 1)*s(j, 2)*s(k, 3)
+          list%g(:, list%n) = [g(i, 1)*s(j, 2)*s(k, 3), s(i, 1)*g(j, 2)*s(k, 3), s(i, 1)*s(j, 2)*g(k, 3)]
+        end do
+      end do
+    end do
+  end subroutine make_weight_list
+
+end module gimp_basis

@@ -1,0 +1,273 @@
+!> Loads on bodies: gravity on all, tractions and pressures on marked faces of particle domains, forces at points.
+!>
+!> A face gives its force to the nodes by the tents at its corners (algorithms of CPDI and cpGIMP, exact total force); a
+!> pressure follows the face, its area vector being J F^-T times the initial one (Nanson). The forces are found from the
+!> state at the start of a step and their work from the velocities of the same points in that step.
+module gimp_loads
+  use gimp_kinds, only: wp, dp, i8, lanes
+  use gimp_grid, only: grid_t, nodes_per_block, nf => fields_per_node
+  use gimp_blocks, only: slot_of_node, node_in_block
+  use gimp_engine, only: engine_t
+  use gimp_time_table, only: time_table_t, factor_at
+  implicit none(type, external)
+  private
+  public :: load_t, loads_t, load_traction, load_pressure, load_point, gravity_t, gravity_at
+  public :: collect_loads, add_loads, work_of_loads, most_face_loads
+
+  integer, parameter :: load_traction = 1, load_pressure = 2, load_point = 3
+  integer, parameter :: most_face_loads = 7 !! face loads of a scene: six bits each in a particle's whole number
+
+  !> Gravity, one of possibly several
+  type :: gravity_t
+    real(wp) :: acceleration(3) = 0.0_wp !! [m/s2]
+    type(time_table_t) :: table
+  end type gravity_t
+
+  !> A load on particles
+  type :: load_t
+    integer :: kind = 0
+    real(wp) :: vector(3) = 0.0_wp !! traction [Pa] or force [N]
+    real(wp) :: pressure = 0.0_wp !! [Pa]
+    integer(i8) :: id = 0 !! the particle that a point force acts on
+    integer :: place = 0 !! face loads: which six bits of the particles' face number are its own
+    type(time_table_t) :: table
+  end type load_t
+
+  !> All loads, and the points at which they act in the present step
+  type :: loads_t
+    type(gravity_t), allocatable :: gravity(:)
+    type(load_t), allocatable :: load(:)
+    integer :: n = 0
+    real(wp), allocatable :: x(:, :) !! (3, point) [cells from the corner of the box]
+    real(wp), allocatable :: f(:, :) !! (3, point) [N]
+  end type loads_t
+
+contains
+
+  !> Acceleration of gravity at a time [m/s2]
+  pure function gravity_at(loads, time) result(g)
+    type(loads_t), intent(in) :: loads
+    real(wp), intent(in) :: time
+    real(wp) :: g(3)
+    integer :: k
+    g = 0.0_wp
+    if (.not. allocated(loads%gravity)) return
+    do k = 1, size(loads%gravity)
+      g = g + loads%gravity(k)%acceleration*factor_at(loads%gravity(k)%table, time)
+    end do
+  end function gravity_at
+
+  !> Points and forces of all loads on particles at the present positions, in stored order
+  subroutine collect_loads(loads, engine, time)
+    type(loads_t), intent(inout) :: loads
+    type(engine_t), intent(in) :: engine
+    real(wp), intent(in) :: time !! [s]
+    integer :: g, c, l, k
+    integer(i8) :: marks
+    loads%n = 0
+    if (.not. allocated(loads%load)) return
+    if (size(loads%load) == 0) return
+    if (.not. allocated(loads%x)) allocate (loads%x(3, 64), loads%f(3, 64))
+    associate (particles => engine%particles)
+      do g = 1, size(particles%groups)
+        do c = particles%groups(g)%first, particles%groups(g)%last
+          do l = 1, lanes
+            if (particles%id(l, c) == 0) cycle
+            marks = 0
+            if (particles%faces%first > 0) marks = int(particles%p(l, particles%faces%first, c), i8)
+            do k = 1, size(loads%load)
+              if (loads%load(k)%kind == load_point) then
+                if (loads%load(k)%id /= particles%id(l, c)) cycle
+                call add_point(loads, place_of(engine, g, c, l), loads%load(k)%vector*factor_at(loads%load(k)%table, time))
+              else if (marks > 0) then
+                call add_faces(loads, engine, g, c, l, loads%load(k), iand(shiftr(marks, 6*loads%load(k)%place), 63_i8), time)
+              end if
+            end do
+          end do
+        end do
+      end do
+    end associate
+  end subroutine collect_loads
+
+  !> Position of a particle in cells from the corner of the box
+  pure function place_of(engine, g, c, l) result(x)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: g, c, l
+    real(wp) :: x(3)
+    integer :: k
+    x = 0.0_wp
+    do k = 1, engine%grid%dim
+      x(k) = engine%particles%p(l, k, c) + engine%particles%groups(g)%at(k)*engine%grid%edge(k)
+    end do
+  end function place_of
+
+  !> The corners of the loaded faces of one particle
+  subroutine add_faces(loads, engine, g, c, l, load, faces, time)
+    type(loads_t), intent(inout) :: loads
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: g, c, l
+    type(load_t), intent(in) :: load
+    integer(i8), intent(in) :: faces !! bits x_low, x_high, y_low, ...
+    real(wp), intent(in) :: time
+    real(wp) :: x(3), f(3, 3), r(3, 3), area(3), force(3), side, h
+    integer :: bit, k, d, a, b, q, i, j
+    d = engine%grid%dim
+    h = engine%grid%spacing
+    f = 0.0_wp
+    do i = 1, 3
+      f(i, i) = 1.0_wp
+    end do
+    do i = 1, d
+      do j = 1, d
+        f(i, j) = engine%particles%p(l, engine%particles%deformation%first + d*(i - 1) + j - 1, c)
+      end do
+    end do
+    r = f ! columns: deformed half edges, in cells
+    do k = 1, d
+      r(:, k) = f(:, k)*initial_half(engine, c, l, k)
+    end do
+    do bit = 0, 2*d - 1
+      if (.not. btest(faces, bit)) cycle
+      k = bit/2 + 1
+      side = merge(-1.0_wp, 1.0_wp, modulo(bit, 2) == 0)
+      x = place_of(engine, g, c, l) + side*r(:, k)
+      a = modulo(k, 3) + 1
+      b = modulo(k + 1, 3) + 1
+      area = side*cross(edge_of(a), edge_of(b)) ! outward area vector of the deformed face [m2]
+      if (load%kind == load_pressure) then
+        force = -load%pressure*area
+      else
+        force = load%vector*sqrt(sum(area**2))
+      end if
+      force = force*factor_at(load%table, time)
+      select case (d)
+      case (1)
+        call add_point(loads, x, force)
+      case (2)
+        q = merge(a, b, a <= 2)
+        call add_point(loads, x - r(:, q), 0.5_wp*force)
+        call add_point(loads, x + r(:, q), 0.5_wp*force)
+      case default
+        call add_point(loads, x - r(:, a) - r(:, b), 0.25_wp*force)
+        call add_point(loads, x + r(:, a) - r(:, b), 0.25_wp*force)
+        call add_point(loads, x - r(:, a) + r(:, b), 0.25_wp*force)
+        call add_point(loads, x + r(:, a) + r(:, b), 0.25_wp*force)
+      end select
+    end do
+
+  contains
+
+    !> Full edge of the face along an axis [m]; axes beyond the dimension have unit length
+    pure function edge_of(axis) result(edge)
+      integer, intent(in) :: axis
+      real(wp) :: edge(3)
+      edge = f(:, axis)
+      if (axis <= d) edge = 2.0_wp*h*r(:, axis)
+    end function edge_of
+
+    pure function cross(u, v) result(w)
+      real(wp), intent(in) :: u(3), v(3)
+      real(wp) :: w(3)
+      w = [u(2)*v(3) - u(3)*v(2), u(3)*v(1) - u(1)*v(3), u(1)*v(2) - u(2)*v(1)]
+    end function cross
+
+  end subroutine add_faces
+
+  !> Initial half length of a particle [cells]
+  pure real(wp) function initial_half(engine, c, l, k) result(half)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: c, l, k
+    half = engine%particles%uniform_half(k)
+    if (engine%particles%half_length%first > 0) half = engine%particles%p(l, engine%particles%half_length%first + k - 1, c)
+  end function initial_half
+
+  subroutine add_point(loads, x, f)
+    type(loads_t), intent(inout) :: loads
+    real(wp), intent(in) :: x(3), f(3)
+    real(wp), allocatable :: wider(:, :)
+    if (loads%n == size(loads%x, 2)) then
+      allocate (wider(3, 2*loads%n))
+      wider(:, :loads%n) = loads%x
+      call move_alloc(wider, loads%x)
+      allocate (wider(3, 2*loads%n))
+      wider(:, :loads%n) = loads%f
+      call move_alloc(wider, loads%f)
+    end if
+    loads%n = loads%n + 1
+    loads%x(:, loads%n) = x
+    loads%f(:, loads%n) = f
+  end subroutine add_point
+
+  !> Add the loads to the forces of the nodes (fields 5-7), with tents at the points
+  subroutine add_loads(loads, engine, slots, raw, lost)
+    type(loads_t), intent(in) :: loads
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: slots
+    real(wp), intent(inout) :: raw(nf, nodes_per_block, slots)
+    integer, intent(inout) :: lost !! corners whose node is not active, so that force is lost
+    integer :: q, i, j, k, slot, place, node(3), reach(3)
+    real(wp) :: s
+    reach = merge(1, 0, [1, 2, 3] <= engine%grid%dim)
+    do q = 1, loads%n
+      do k = 0, reach(3)
+        do j = 0, reach(2)
+          do i = 0, reach(1)
+            call tent_at(engine%grid%dim, loads%x(:, q), [i, j, k], node, s)
+            slot = slot_of_node(engine%table, engine%grid, node)
+            if (slot == 0) then
+              lost = lost + 1
+              cycle
+            end if
+            place = node_in_block(engine%grid, node)
+            raw(5:7, place, slot) = raw(5:7, place, slot) + s*loads%f(:, q)
+          end do
+        end do
+      end do
+    end do
+  end subroutine add_loads
+
+  !> Node of a corner of the cell around a point, and its tent
+  pure subroutine tent_at(dim, x, corner, node, s)
+    integer, intent(in) :: dim, corner(3)
+    real(wp), intent(in) :: x(3)
+    integer, intent(out) :: node(3)
+    real(wp), intent(out) :: s
+    real(wp) :: b
+    integer :: k
+    node = 0
+    s = 1.0_wp
+    do k = 1, dim
+      b = x(k) - floor(x(k))
+      node(k) = floor(x(k)) + corner(k)
+      s = s*merge(b, 1.0_wp - b, corner(k) == 1)
+    end do
+  end subroutine tent_at
+
+  !> Work of the loads in the step, with the mean of the grid velocity before and after the force (fields 1-3 minus half of
+  !> fields 5-7); call before particles move
+  real(dp) function work_of_loads(loads, engine, slots, g, kick) result(work)
+    type(loads_t), intent(in) :: loads
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: slots
+    real(wp), intent(in) :: g(nf, nodes_per_block, slots)
+    real(wp), intent(in) :: kick !! step of velocities [s]
+    integer :: q, i, j, k, slot, place, node(3), reach(3)
+    real(wp) :: s
+    work = 0.0_dp
+    reach = merge(1, 0, [1, 2, 3] <= engine%grid%dim)
+    do q = 1, loads%n
+      do k = 0, reach(3)
+        do j = 0, reach(2)
+          do i = 0, reach(1)
+            call tent_at(engine%grid%dim, loads%x(:, q), [i, j, k], node, s)
+            slot = slot_of_node(engine%table, engine%grid, node)
+            if (slot == 0) cycle
+            place = node_in_block(engine%grid, node)
+            work = work + real(kick*s*sum(loads%f(:, q)*(g(1:3, place, slot) - 0.5_wp*g(5:7, place, slot))), dp)
+          end do
+        end do
+      end do
+    end do
+  end function work_of_loads
+
+end module gimp_loads

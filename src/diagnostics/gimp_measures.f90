@@ -1,0 +1,249 @@
+!> What is measured on the particles: energies, momenta, errors against an exact solution, and the hash of the state.
+!>
+!> Every sum is formed per group of particles and then added in block order, so that it does not depend on how a run is cut.
+module gimp_measures
+  use gimp_kinds, only: wp, dp, i8, lanes
+  use gimp_hash_table, only: mix_bits
+  use gimp_particles, only: particles_t, group_t
+  use gimp_engine, only: engine_t
+  use gimp_verification, only: verification_t, exact_motion, exact_stress
+  implicit none(type, external)
+  private
+  public :: totals_t, errors_t, measure_totals, measure_errors, state_hash, chunk_deformation, chunk_position, chunk_stress
+  public :: find_particle, nearest_particle
+
+  !> Sums over all particles
+  type :: totals_t
+    real(dp) :: mass = 0.0_dp !! [kg]
+    real(dp) :: kinetic = 0.0_dp !! [J]
+    real(dp) :: stored = 0.0_dp !! elastic energy [J]
+    real(dp) :: momentum(3) = 0.0_dp !! [kg m/s]
+    real(dp) :: angular_momentum(3) = 0.0_dp !! about the corner of the box [kg m2/s]
+    real(dp) :: speed = 0.0_dp !! largest [m/s]
+  end type totals_t
+
+  !> Norms of the error, weighted by initial volume; not yet divided by a scale
+  type :: errors_t
+    real(dp) :: rms = 0.0_dp, max = 0.0_dp !! of positions [m]
+    real(dp) :: rms_velocity = 0.0_dp, max_velocity = 0.0_dp !! [m/s]
+    real(dp) :: rms_stress = 0.0_dp, max_stress = 0.0_dp !! Frobenius norm of the Cauchy stress [Pa]
+  end type errors_t
+
+contains
+
+  !> Full deformation gradient of a chunk
+  pure subroutine chunk_deformation(particles, c, f)
+    type(particles_t), intent(in) :: particles
+    integer, intent(in) :: c
+    real(wp), intent(out) :: f(lanes, 9)
+    integer :: i, j
+    f = 0.0_wp
+    f(:, 1) = 1.0_wp
+    f(:, 5) = 1.0_wp
+    f(:, 9) = 1.0_wp
+    do i = 1, particles%dim
+      do j = 1, particles%dim
+        f(:, 3*(i - 1) + j) = particles%p(:, particles%deformation%first + particles%dim*(i - 1) + j - 1, c)
+      end do
+    end do
+  end subroutine chunk_deformation
+
+  !> Positions of a chunk in metres; zero in axes beyond the dimension
+  pure subroutine chunk_position(engine, group, c, x)
+    type(engine_t), intent(in) :: engine
+    type(group_t), intent(in) :: group
+    integer, intent(in) :: c
+    real(wp), intent(out) :: x(lanes, 3)
+    integer :: k
+    x = 0.0_wp
+    do k = 1, engine%grid%dim
+      x(:, k) = engine%grid%lower(k) + engine%grid%spacing*(engine%particles%p(:, k, c) + group%at(k)*engine%grid%edge(k))
+    end do
+  end subroutine chunk_position
+
+  !> Cauchy stress of a chunk [Pa] and its J
+  subroutine chunk_stress(engine, group, c, sigma, j)
+    type(engine_t), intent(in) :: engine
+    type(group_t), intent(in) :: group
+    integer, intent(in) :: c
+    real(wp), intent(out) :: sigma(lanes, 6), j(lanes)
+    real(wp) :: f(lanes, 9), speed2(lanes)
+    integer :: k
+    call chunk_deformation(engine%particles, c, f)
+    j = f(:, 1)*(f(:, 5)*f(:, 9) - f(:, 6)*f(:, 8)) - f(:, 2)*(f(:, 4)*f(:, 9) - f(:, 6)*f(:, 7)) &
+        + f(:, 3)*(f(:, 4)*f(:, 8) - f(:, 5)*f(:, 7))
+    call engine%laws(group%material)%law%kirchhoff(f, engine%particles%p(:, max(1, engine%particles%state%first):, c), sigma, &
+                                                   speed2)
+    do k = 1, 6
+      sigma(:, k) = sigma(:, k)/j
+    end do
+  end subroutine chunk_stress
+
+  !> Sums over all particles; `energies` asks for the stored energy too
+  subroutine measure_totals(engine, totals)
+    type(engine_t), intent(in) :: engine
+    type(totals_t), intent(out) :: totals
+    type(totals_t) :: part
+    real(wp) :: f(lanes, 9), energy(lanes), x(lanes, 3), v(lanes, 3)
+    real(dp) :: m, mv(3)
+    integer :: g, c, l, d
+    d = engine%grid%dim
+    associate (particles => engine%particles)
+      do g = 1, size(particles%groups)
+        part = totals_t()
+        do c = particles%groups(g)%first, particles%groups(g)%last
+          call chunk_deformation(particles, c, f)
+          call chunk_position(engine, particles%groups(g), c, x)
+          v = 0.0_wp
+          v(:, :d) = particles%p(:, particles%velocity%first:particles%velocity%first + d - 1, c)
+          call engine%laws(particles%groups(g)%material)%law%stored_energy(f, &
+                                                                particles%p(:, max(1, particles%state%first):, c), energy)
+          do l = 1, lanes
+            m = real(particles%p(l, particles%mass%first, c), dp)
+            mv = m*real(v(l, :), dp)
+            part%mass = part%mass + m
+            part%kinetic = part%kinetic + 0.5_dp*dot_product(mv, real(v(l, :), dp))
+            part%stored = part%stored + real(particles%p(l, particles%volume%first, c), dp)*real(energy(l), dp)
+            part%momentum = part%momentum + mv
+            part%angular_momentum = part%angular_momentum + [x(l, 2)*mv(3) - x(l, 3)*mv(2), x(l, 3)*mv(1) - x(l, 1)*mv(3), &
+                                                             x(l, 1)*mv(2) - x(l, 2)*mv(1)]
+            totals%speed = max(totals%speed, sqrt(sum(real(v(l, :), dp)**2)))
+          end do
+        end do
+        totals%mass = totals%mass + part%mass
+        totals%kinetic = totals%kinetic + part%kinetic
+        totals%stored = totals%stored + part%stored
+        totals%momentum = totals%momentum + part%momentum
+        totals%angular_momentum = totals%angular_momentum + part%angular_momentum
+      end do
+    end associate
+  end subroutine measure_totals
+
+  !> Errors against the exact solution. Velocities of a leap-frog run are those of an earlier time, which the caller gives.
+  subroutine measure_errors(engine, solution, time, velocity_time, errors)
+    type(engine_t), intent(in) :: engine
+    type(verification_t), intent(in) :: solution
+    real(wp), intent(in) :: time, velocity_time !! [s]
+    type(errors_t), intent(out) :: errors
+    real(wp) :: x(lanes, 3), reference(lanes, 3), u(lanes, 3), v(lanes, 3), f(lanes, 9), sigma(lanes, 6), exact(lanes, 6)
+    real(wp) :: j(lanes), ignored(lanes, 3)
+    real(dp) :: e(3), part(3), volume, all_volume, sums(3), w
+    integer :: g, c, l, d, q
+    d = engine%grid%dim
+    all_volume = 0.0_dp
+    sums = 0.0_dp
+    associate (particles => engine%particles)
+      q = particles%reference%first
+      do g = 1, size(particles%groups)
+        part = 0.0_dp
+        volume = 0.0_dp
+        do c = particles%groups(g)%first, particles%groups(g)%last
+          call chunk_position(engine, particles%groups(g), c, x)
+          reference = 0.0_wp
+          reference(:, :d) = particles%p(:, q:q + d - 1, c)
+          call exact_motion(solution, velocity_time, reference, ignored, v, f)
+          call exact_motion(solution, time, reference, u, ignored, f)
+          call exact_stress(solution, time, reference, exact)
+          call chunk_stress(engine, particles%groups(g), c, sigma, j)
+          do l = 1, lanes
+            if (particles%id(l, c) == 0) cycle
+            w = real(particles%p(l, particles%volume%first, c), dp)
+            e(1) = sum(real(x(l, :d) - reference(l, :d) - u(l, :d), dp)**2)
+            e(2) = sum(real(particles%p(l, particles%velocity%first:particles%velocity%first + d - 1, c) - v(l, :d), dp)**2)
+            e(3) = sum(real(sigma(l, :3) - exact(l, :3), dp)**2) + 2.0_dp*sum(real(sigma(l, 4:) - exact(l, 4:), dp)**2)
+            part = part + w*e
+            volume = volume + w
+            errors%max = max(errors%max, e(1))
+            errors%max_velocity = max(errors%max_velocity, e(2))
+            errors%max_stress = max(errors%max_stress, e(3))
+          end do
+        end do
+        sums = sums + part
+        all_volume = all_volume + volume
+      end do
+    end associate
+    if (all_volume > 0.0_dp) sums = sqrt(sums/all_volume)
+    errors%rms = sums(1)
+    errors%rms_velocity = sums(2)
+    errors%rms_stress = sums(3)
+    errors%max = sqrt(errors%max)
+    errors%max_velocity = sqrt(errors%max_velocity)
+    errors%max_stress = sqrt(errors%max_stress)
+  end subroutine measure_errors
+
+  !> Order-free hash of the whole state: the sum over particles of hash(id, block, bits of every live field), plus step and
+  !> time. Two runs with the same hash have the same bits.
+  integer(i8) function state_hash(engine, step, time) result(hash)
+    type(engine_t), intent(in) :: engine
+    integer(i8), intent(in) :: step
+    real(wp), intent(in) :: time
+    integer(i8) :: h
+    integer :: g, c, l, f
+    hash = mix_bits(step) + mix_bits(transfer(real(time, dp), 0_i8))
+    associate (particles => engine%particles)
+      do g = 1, size(particles%groups)
+        do c = particles%groups(g)%first, particles%groups(g)%last
+          do l = 1, lanes
+            if (particles%id(l, c) == 0) cycle
+            h = mix_bits(particles%id(l, c))
+            do f = 1, 3
+              h = mix_bits(ieor(h, int(particles%groups(g)%at(f), i8)))
+            end do
+            do f = 1, particles%components
+              h = mix_bits(ieor(h, transfer(real(particles%p(l, f, c), dp), 0_i8)))
+            end do
+            hash = hash + h
+          end do
+        end do
+      end do
+    end associate
+  end function state_hash
+
+  !> Chunk and lane of the particle with a number; chunk 0 when it is gone
+  pure subroutine find_particle(particles, id, group, c, l)
+    type(particles_t), intent(in) :: particles
+    integer(i8), intent(in) :: id
+    integer, intent(out) :: group, c, l
+    integer :: g
+    group = 0
+    c = 0
+    l = 0
+    do g = 1, size(particles%groups)
+      do c = particles%groups(g)%first, particles%groups(g)%last
+        do l = 1, lanes
+          if (particles%id(l, c) /= id) cycle
+          group = g
+          return
+        end do
+      end do
+    end do
+    c = 0
+  end subroutine find_particle
+
+  !> The particle nearest to a point, the one with the smallest number where several are equally near; numbers may be limited
+  integer(i8) function nearest_particle(engine, point, first, last) result(id)
+    type(engine_t), intent(in) :: engine
+    real(wp), intent(in) :: point(:) !! (dim) [m]
+    integer(i8), intent(in) :: first, last !! range of numbers
+    real(wp) :: x(lanes, 3), nearest, r2
+    integer :: g, c, l, d
+    d = engine%grid%dim
+    id = 0
+    nearest = huge(1.0_wp)
+    do g = 1, size(engine%particles%groups)
+      do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
+        call chunk_position(engine, engine%particles%groups(g), c, x)
+        do l = 1, lanes
+          associate (this => engine%particles%id(l, c))
+            if (this < max(1_i8, first) .or. this > last) cycle
+            r2 = sum((x(l, :d) - point(:d))**2)
+            if (r2 > nearest .or. (r2 == nearest .and. this > id)) cycle
+            nearest = r2
+            id = this
+          end associate
+        end do
+      end do
+    end do
+  end function nearest_particle
+
+end module gimp_measures

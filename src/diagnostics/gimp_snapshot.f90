@@ -1,0 +1,184 @@
+!> Fields of all particles in the order of their numbers, as frames show them
+module gimp_snapshot
+  use gimp_kinds, only: wp, i8, lanes
+  use gimp_engine, only: engine_t
+  use gimp_basis, only: basis_cpgimp
+  use gimp_verification, only: verification_t, exact_displacement
+  use gimp_measures, only: chunk_deformation, chunk_position, chunk_stress
+  implicit none(type, external)
+  private
+  public :: field_components, field_words, needs_reference, rank_particles, sample_positions, sample_field
+
+  character(len=*), parameter :: field_words = "displacement velocity stress deformation_gradient pressure von_mises " &
+    //"equivalent_plastic_strain volume mass density id material body jacobian half_length error reference_position"
+
+contains
+
+  !> Components of a field, 0 for an unknown name
+  pure integer function field_components(name) result(n)
+    character(len=*), intent(in) :: name
+    select case (name)
+    case ("displacement", "velocity", "half_length", "error", "reference_position"); n = 3
+    case ("stress"); n = 6
+    case ("deformation_gradient"); n = 9
+    case ("pressure", "von_mises", "equivalent_plastic_strain", "volume", "mass", "density", "id", "material", "body", "jacobian")
+      n = 1
+    case default; n = 0
+    end select
+  end function field_components
+
+  !> Whether a field needs the position of particles at the start
+  pure logical function needs_reference(name)
+    character(len=*), intent(in) :: name
+    needs_reference = name == "displacement" .or. name == "error" .or. name == "reference_position"
+  end function needs_reference
+
+  !> Place of every lane in the order of numbers, 0 for spare lanes
+  subroutine rank_particles(engine, rank)
+    type(engine_t), intent(in) :: engine
+    integer(i8), allocatable, intent(out) :: rank(:, :) !! (lane, chunk)
+    integer(i8), allocatable :: place(:)
+    integer(i8) :: k, n
+    integer :: c, l
+    n = 0
+    if (engine%particles%chunks > 0) n = maxval(engine%particles%id)
+    allocate (place(n), source=0_i8)
+    allocate (rank(lanes, engine%particles%chunks), source=0_i8)
+    do c = 1, engine%particles%chunks
+      do l = 1, lanes
+        if (engine%particles%id(l, c) > 0) place(engine%particles%id(l, c)) = 1
+      end do
+    end do
+    do k = 2, n
+      place(k) = place(k) + place(k - 1)
+    end do
+    do c = 1, engine%particles%chunks
+      do l = 1, lanes
+        if (engine%particles%id(l, c) > 0) rank(l, c) = place(engine%particles%id(l, c))
+      end do
+    end do
+  end subroutine rank_particles
+
+  !> Positions in metres, three components
+  subroutine sample_positions(engine, rank, x)
+    type(engine_t), intent(in) :: engine
+    integer(i8), intent(in) :: rank(:, :)
+    real(wp), intent(out) :: x(:, :) !! (3, n)
+    real(wp) :: here(lanes, 3)
+    integer :: g, c, l
+    do g = 1, size(engine%particles%groups)
+      do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
+        call chunk_position(engine, engine%particles%groups(g), c, here)
+        do l = 1, lanes
+          if (rank(l, c) > 0) x(:, rank(l, c)) = here(l, :)
+        end do
+      end do
+    end do
+  end subroutine sample_positions
+
+  !> One field by name
+  subroutine sample_field(engine, name, rank, body_first, solution, time, values)
+    type(engine_t), intent(in) :: engine
+    character(len=*), intent(in) :: name
+    integer(i8), intent(in) :: rank(:, :)
+    integer(i8), intent(in) :: body_first(:) !! first number of each body, ascending
+    type(verification_t), intent(in) :: solution !! used by the field "error" only
+    real(wp), intent(in) :: time !! [s]
+    real(wp), intent(out) :: values(:, :) !! (components, n)
+    real(wp) :: chunk(lanes, 9)
+    integer :: g, c, l, n
+    n = field_components(name)
+    do g = 1, size(engine%particles%groups)
+      do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
+        call sample_chunk(engine, name, g, c, body_first, solution, time, chunk)
+        do l = 1, lanes
+          if (rank(l, c) > 0) values(:, rank(l, c)) = chunk(l, :n)
+        end do
+      end do
+    end do
+  end subroutine sample_field
+
+  subroutine sample_chunk(engine, name, g, c, body_first, solution, time, chunk)
+    type(engine_t), intent(in) :: engine
+    character(len=*), intent(in) :: name
+    integer, intent(in) :: g, c
+    integer(i8), intent(in) :: body_first(:)
+    type(verification_t), intent(in) :: solution
+    real(wp), intent(in) :: time
+    real(wp), intent(out) :: chunk(lanes, 9)
+    real(wp) :: x(lanes, 3), reference(lanes, 3), u(lanes, 3), sigma(lanes, 6), j(lanes)
+    integer :: d, q, l
+    d = engine%grid%dim
+    chunk = 0.0_wp
+    associate (particles => engine%particles, group => engine%particles%groups(g))
+      if (needs_reference(name)) then
+        q = particles%reference%first
+        reference = 0.0_wp
+        reference(:, :d) = particles%p(:, q:q + d - 1, c)
+        call chunk_position(engine, group, c, x)
+      end if
+      select case (name)
+      case ("displacement")
+        chunk(:, :d) = x(:, :d) - reference(:, :d)
+      case ("reference_position")
+        chunk(:, :d) = reference(:, :d)
+      case ("error")
+        call exact_displacement(solution, time, reference, u)
+        chunk(:, :d) = x(:, :d) - reference(:, :d) - u(:, :d)
+      case ("velocity")
+        q = particles%velocity%first
+        chunk(:, :d) = particles%p(:, q:q + d - 1, c)
+      case ("deformation_gradient")
+        call chunk_deformation(particles, c, chunk)
+      case ("mass")
+        chunk(:, 1) = particles%p(:, particles%mass%first, c)
+      case ("id")
+        chunk(:, 1) = real(particles%id(:, c), wp)
+      case ("material")
+        chunk(:, 1) = group%material
+      case ("body")
+        do l = 1, lanes
+          chunk(l, 1) = count(body_first <= particles%id(l, c))
+        end do
+      case ("half_length")
+        call chunk_half_length(engine, c, chunk)
+      case ("equivalent_plastic_strain")
+        call engine%laws(group%material)%law%equivalent_plastic_strain(particles%p(:, max(1, particles%state%first):, c), &
+                                                                        chunk(:, 1))
+      case default
+        call chunk_stress(engine, group, c, sigma, j)
+        select case (name)
+        case ("stress"); chunk(:, :6) = sigma
+        case ("pressure"); chunk(:, 1) = -(sigma(:, 1) + sigma(:, 2) + sigma(:, 3))/3.0_wp
+        case ("von_mises")
+          chunk(:, 1) = sqrt(0.5_wp*((sigma(:, 1) - sigma(:, 2))**2 + (sigma(:, 2) - sigma(:, 3))**2 &
+                                     + (sigma(:, 3) - sigma(:, 1))**2) + 3.0_wp*(sigma(:, 4)**2 + sigma(:, 5)**2 + sigma(:, 6)**2))
+        case ("jacobian"); chunk(:, 1) = j
+        case ("volume"); chunk(:, 1) = j*particles%p(:, particles%volume%first, c)
+        case ("density")
+          do l = 1, lanes ! spare lanes have no volume
+            if (particles%id(l, c) > 0) chunk(l, 1) = particles%p(l, particles%mass%first, c) &
+              /(j(l)*particles%p(l, particles%volume%first, c))
+          end do
+        end select
+      end select
+    end associate
+  end subroutine sample_chunk
+
+  !> Present half lengths in metres: those the weights use; zero for bases without domains
+  pure subroutine chunk_half_length(engine, c, chunk)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: c
+    real(wp), intent(inout) :: chunk(lanes, 9)
+    integer :: k, q
+    do k = 1, engine%grid%dim
+      chunk(:, k) = engine%particles%uniform_half(k)
+      q = engine%particles%half_length%first
+      if (q > 0) chunk(:, k) = engine%particles%p(:, q + k - 1, c)
+      q = engine%particles%domain%first
+      if (engine%basis == basis_cpgimp .and. q > 0) chunk(:, k) = engine%particles%p(:, q + k - 1, c)
+      chunk(:, k) = chunk(:, k)*engine%grid%spacing
+    end do
+  end subroutine chunk_half_length
+
+end module gimp_snapshot

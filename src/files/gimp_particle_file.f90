@@ -1,0 +1,247 @@
+!> Particles in an HDF5 file: a body made elsewhere, the state of a failed run, the starting state of a test.
+!>
+!> Datasets (shapes as Python sees them; transposed here): `position` (n, d), `volume` (n), `mass` (n), and optionally
+!> `velocity` (n, d), `deformation_gradient` (n, d*d) row by row, `half_length` (n, d), `stress` (n, 6) in the order xx, yy, zz, xy,
+!> yz, zx, `id` (n). SI units. Any kind of real number is accepted; writing is in double precision.
+module gimp_particle_file
+  use gimp_kinds, only: dp, i8
+  use gimp_error, only: error_t, raise, add_error
+  use gimp_text, only: text_of
+  use gimp_file_system, only: rename_file
+  use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, has_dataset, dataset_shape, read_dataset, write_dataset, &
+    write_attribute
+  implicit none(type, external)
+  private
+  public :: particle_table_t, read_particle_file, write_particle_file
+
+  !> The content of a particle file; what is not in the file is not allocated
+  type :: particle_table_t
+    integer(i8) :: n = 0 !! particles
+    integer :: dimension = 0 !! d
+    real(dp), allocatable :: position(:, :) !! (d, n) [m]
+    real(dp), allocatable :: volume(:) !! (n) present volume [m3]; in two dimensions per metre of depth
+    real(dp), allocatable :: mass(:) !! (n) [kg]
+    real(dp), allocatable :: velocity(:, :) !! (d, n) [m/s]
+    real(dp), allocatable :: deformation_gradient(:, :) !! (d*d, n) row by row
+    real(dp), allocatable :: half_length(:, :) !! (d, n) half the edge of the particle's domain [m]
+    real(dp), allocatable :: stress(:, :) !! (6, n) Cauchy stress [Pa]
+    integer(i8), allocatable :: id(:) !! (n)
+  end type particle_table_t
+
+contains
+
+  !> Read a particle file and check it: every mistake in it is told at once
+  subroutine read_particle_file(path, dimension, table, error)
+    character(len=*), intent(in) :: path
+    integer, intent(in) :: dimension !! of the scene: 1, 2 or 3
+    type(particle_table_t), intent(out) :: table
+    type(error_t), allocatable, intent(out) :: error
+    type(hdf5_file_t) :: file
+    type(error_t), allocatable :: ignored
+    call open_hdf5(path, "read", file, error)
+    if (allocated(error)) return
+    call read_tables(file, dimension, table, error)
+    call close_hdf5(file, ignored) ! nothing can be lost by reading
+    if (allocated(error)) return
+    call check_numbers(path, table, error)
+  end subroutine read_particle_file
+
+  subroutine read_tables(file, dimension, table, error)
+    type(hdf5_file_t), intent(in) :: file
+    integer, intent(in) :: dimension
+    type(particle_table_t), intent(inout) :: table
+    type(error_t), allocatable, intent(out) :: error
+    integer(i8), allocatable :: extents(:)
+    if (.not. has_dataset(file, "position")) then
+      call raise(error, file%path//": no dataset position; a particle file needs position, volume and mass")
+      return
+    end if
+    call dataset_shape(file, "position", extents, error)
+    if (allocated(error)) return
+    if (size(extents) == 1 .and. dimension == 1) extents = [1_i8, extents] ! a plain vector will do in one dimension
+    if (size(extents) /= 2) then
+      call raise(error, file%path//": position has "//text_of(size(extents))//" dimensions; must be (particles, " &
+        //text_of(dimension)//")")
+      return
+    end if
+    table%n = extents(2)
+    table%dimension = dimension
+    if (table%n == 0) then
+      call raise(error, file%path//": holds no particles")
+      return
+    end if
+    call read_matrix(file, "position", dimension, table%n, .true., table%position, error)
+    call read_vector(file, "volume", table%n, table%volume, error)
+    call read_vector(file, "mass", table%n, table%mass, error)
+    call read_matrix(file, "velocity", dimension, table%n, .false., table%velocity, error)
+    call read_matrix(file, "deformation_gradient", dimension**2, table%n, .false., table%deformation_gradient, error)
+    call read_matrix(file, "half_length", dimension, table%n, .false., table%half_length, error)
+    call read_matrix(file, "stress", 6, table%n, .false., table%stress, error)
+    call read_ids(file, table%n, table%id, error)
+  end subroutine read_tables
+
+  !> A matrix of `rows` components; with one component a vector is accepted
+  subroutine read_matrix(file, name, rows, n, needed, values, error)
+    type(hdf5_file_t), intent(in) :: file
+    character(len=*), intent(in) :: name
+    integer, intent(in) :: rows
+    integer(i8), intent(in) :: n
+    logical, intent(in) :: needed
+    real(dp), allocatable, intent(out) :: values(:, :)
+    type(error_t), allocatable, intent(inout) :: error
+    type(error_t), allocatable :: fault
+    real(dp), allocatable :: vector(:)
+    integer(i8), allocatable :: extents(:)
+    if (.not. has_dataset(file, name)) then
+      if (needed) call add_error(error, file%path//": no dataset "//name)
+      return
+    end if
+    call dataset_shape(file, name, extents, fault)
+    if (size(extents) == 1 .and. rows == 1) extents = [1_i8, extents]
+    if (size(extents) /= 2) then
+      call add_error(error, file%path//": "//name//" has "//text_of(size(extents))//" dimensions; must be ("//text_of(n) &
+        //", "//text_of(rows)//")")
+      return
+    else if (any(extents /= [int(rows, i8), n])) then
+      call add_error(error, file%path//": "//name//" has shape ("//text_of(extents(2))//", "//text_of(extents(1)) &
+        //"); must be ("//text_of(n)//", "//text_of(rows)//")")
+      return
+    end if
+    call dataset_shape(file, name, extents, fault)
+    if (size(extents) == 1) then
+      call read_dataset(file, name, vector, fault)
+      if (.not. allocated(fault)) values = reshape(vector, [1_i8, n])
+    else
+      call read_dataset(file, name, values, fault)
+    end if
+    if (allocated(fault)) call add_error(error, fault%message)
+  end subroutine read_matrix
+
+  subroutine read_vector(file, name, n, values, error)
+    type(hdf5_file_t), intent(in) :: file
+    character(len=*), intent(in) :: name
+    integer(i8), intent(in) :: n
+    real(dp), allocatable, intent(out) :: values(:)
+    type(error_t), allocatable, intent(inout) :: error
+    type(error_t), allocatable :: fault
+    call read_dataset(file, name, values, fault)
+    if (allocated(fault)) then
+      call add_error(error, fault%message)
+    else if (size(values, kind=i8) /= n) then
+      call add_error(error, file%path//": "//name//" has "//text_of(size(values, kind=i8))//" values for "//text_of(n) &
+        //" particles")
+    end if
+  end subroutine read_vector
+
+  subroutine read_ids(file, n, id, error)
+    type(hdf5_file_t), intent(in) :: file
+    integer(i8), intent(in) :: n
+    integer(i8), allocatable, intent(out) :: id(:)
+    type(error_t), allocatable, intent(inout) :: error
+    type(error_t), allocatable :: fault
+    if (.not. has_dataset(file, "id")) return
+    call read_dataset(file, "id", id, fault)
+    if (allocated(fault)) then
+      call add_error(error, fault%message)
+    else if (size(id, kind=i8) /= n) then
+      call add_error(error, file%path//": id has "//text_of(size(id, kind=i8))//" values for "//text_of(n)//" particles")
+    end if
+  end subroutine read_ids
+
+  !> Values that no particle can have
+  subroutine check_numbers(path, table, error)
+    character(len=*), intent(in) :: path
+    type(particle_table_t), intent(in) :: table
+    type(error_t), allocatable, intent(out) :: error
+    call check_finite("position", table%position)
+    call check_finite("velocity", table%velocity)
+    call check_finite("deformation_gradient", table%deformation_gradient)
+    call check_finite("half_length", table%half_length)
+    call check_finite("stress", table%stress)
+    call check_positive("volume", table%volume)
+    call check_positive("mass", table%mass)
+  contains
+    subroutine check_finite(name, values)
+      character(len=*), intent(in) :: name
+      real(dp), allocatable, intent(in) :: values(:, :)
+      integer(i8) :: p
+      if (.not. allocated(values)) return
+      do p = 1, size(values, 2, kind=i8)
+        if (all(is_number(values(:, p)))) cycle
+        call add_error(error, path//": "//name//" of particle "//text_of(p)//" is not a finite number")
+        return
+      end do
+    end subroutine check_finite
+
+    subroutine check_positive(name, values)
+      character(len=*), intent(in) :: name
+      real(dp), intent(in) :: values(:)
+      integer(i8) :: p
+      do p = 1, size(values, kind=i8)
+        if (.not. is_number(values(p))) then
+          call add_error(error, path//": "//name//" of particle "//text_of(p)//" is not a finite number")
+          return
+        else if (values(p) <= 0.0_dp) then
+          call add_error(error, path//": "//name//" of particle "//text_of(p)//" is "//text_of(values(p)) &
+            //"; must be positive")
+          return
+        end if
+      end do
+    end subroutine check_positive
+  end subroutine check_numbers
+
+  !> Neither infinite nor NaN; the first comparison keeps NaN from raising an exception in the second
+  elemental logical function is_number(value)
+    real(dp), intent(in) :: value
+    is_number = .false.
+    if (value /= value) return
+    is_number = abs(value) <= huge(value)
+  end function is_number
+
+  !> Write a particle file: whole or not at all (it gets its name when it is complete).
+  !> The state of a failed run also says why, when and where it failed.
+  subroutine write_particle_file(path, table, error, reason, step, time)
+    character(len=*), intent(in) :: path !! an existing file is replaced
+    type(particle_table_t), intent(in) :: table !! position, volume and mass at least; n and dimension follow from them
+    type(error_t), allocatable, intent(out) :: error
+    character(len=*), intent(in), optional :: reason !! attributes of the file
+    integer(i8), intent(in), optional :: step
+    real(dp), intent(in), optional :: time !! [s]
+    type(hdf5_file_t) :: file
+    type(error_t), allocatable :: fault
+    call open_hdf5(path//".part", "overwrite", file, error)
+    if (allocated(error)) return
+    call write_tables(file, table, error)
+    if (present(reason) .and. .not. allocated(error)) call write_attribute(file, "", "reason", reason, error)
+    if (present(step) .and. .not. allocated(error)) call write_attribute(file, "", "step", step, error)
+    if (present(time) .and. .not. allocated(error)) call write_attribute(file, "", "time", time, error)
+    call close_hdf5(file, fault)
+    if (.not. allocated(error)) call move_alloc(fault, error)
+    if (.not. allocated(error)) call rename_file(path//".part", path, error)
+  end subroutine write_particle_file
+
+  subroutine write_tables(file, table, error)
+    type(hdf5_file_t), intent(in) :: file
+    type(particle_table_t), intent(in) :: table
+    type(error_t), allocatable, intent(out) :: error
+    if (.not. (allocated(table%position) .and. allocated(table%volume) .and. allocated(table%mass))) then
+      call raise(error, file%path//": a particle file needs position, volume and mass")
+      return
+    end if
+    call write_dataset(file, "position", table%position, error)
+    if (.not. allocated(error)) call write_dataset(file, "volume", table%volume, error)
+    if (.not. allocated(error)) call write_dataset(file, "mass", table%mass, error)
+    call put("velocity", table%velocity)
+    call put("deformation_gradient", table%deformation_gradient)
+    call put("half_length", table%half_length)
+    call put("stress", table%stress)
+    if (allocated(table%id) .and. .not. allocated(error)) call write_dataset(file, "id", table%id, error)
+  contains
+    subroutine put(name, values)
+      character(len=*), intent(in) :: name
+      real(dp), allocatable, intent(in) :: values(:, :)
+      if (allocated(values) .and. .not. allocated(error)) call write_dataset(file, name, values, error)
+    end subroutine put
+  end subroutine write_tables
+
+end module gimp_particle_file

@@ -1,0 +1,234 @@
+!> The equation of motion on the nodes of one slot, with conditions, damping and books.
+!>
+!> Fields of the grid: before the update 1-3 momentum, 4 mass, 5-7 force, 8 kinetic energy given by the particles; after it
+!> 1-3 velocity, 4 mass, 5-7 change of velocity (or, after the projection of MUSL, the velocity that moves particles).
+module gimp_nodes
+  use gimp_kinds, only: wp, dp
+  use gimp_grid, only: grid_t, nodes_per_block, nf => fields_per_node
+  use gimp_walls, only: walls_t, constrain
+  implicit none(type, external)
+  private
+  public :: update_nodes, node_step_t, stage_full, stage_velocity, stage_kick, stage_project
+  public :: n_node_sums, book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_cut, &
+    book_cut_momentum, book_reaction, book_pushed
+
+  integer, parameter :: stage_full = 1 !! velocity from momentum, then the kick by the forces
+  integer, parameter :: stage_velocity = 2 !! velocity from momentum only
+  integer, parameter :: stage_kick = 3 !! the kick, on velocities that are there already
+  integer, parameter :: stage_project = 4 !! MUSL: velocity from the new particle velocities
+
+  integer, parameter :: book_before = 1, book_after = 2, book_given = 3, book_forces = 4, book_gravity = 5, book_walls = 6, &
+    book_damping = 7, book_cut = 8, book_cut_momentum = 9, book_reaction = 10 !! 10-12: impulse of the sides
+  integer, parameter :: book_pushed = 13 !! work of moving sides on the velocity before the kick
+  integer, parameter :: n_node_sums = 13
+
+  !> What the update of this step needs to know
+  type :: node_step_t
+    integer :: stage = stage_full
+    real(wp) :: kick = 0.0_wp !! step of velocities [s]
+    real(wp) :: gravity(3) = 0.0_wp !! [m/s2]
+    real(wp) :: cutoff = 0.0_wp !! nodes with less mass are left out [kg]
+    real(wp) :: damping = 0.0_wp !! share of the force taken out by local damping (Cundall)
+  end type node_step_t
+
+contains
+
+  !> Update the nodes of one slot
+  subroutine update_nodes(step, grid, walls, held, at, raw, g, sums)
+    type(node_step_t), intent(in) :: step
+    type(grid_t), intent(in) :: grid
+    type(walls_t), intent(in) :: walls
+    logical, intent(in) :: held !! some node of the slot is on a side or beyond
+    integer, intent(in) :: at(3) !! block coordinates
+    real(wp), intent(in) :: raw(nf, nodes_per_block) !! what the particles gave
+    real(wp), intent(inout) :: g(nf, nodes_per_block) !! what the particles will take
+    real(dp), intent(inout) :: sums(n_node_sums)
+    integer, parameter :: n = nodes_per_block
+    real(wp) :: m(n), r(n), v(n, 3), w(n, 3), old(n, 3)
+    integer :: i, d
+    d = grid%dim
+
+    if (step%stage == stage_kick) then
+      do i = 1, n
+        v(i, :) = g(1:3, i)
+        m(i) = g(4, i)
+      end do
+    else
+      if (step%stage == stage_project) then
+        do i = 1, n
+          old(i, :) = g(1:3, i)
+        end do
+      end if
+      !$omp simd
+      do i = 1, n
+        m(i) = raw(4, i)
+        r(i) = 0.0_wp
+        if (m(i) > step%cutoff) r(i) = 1.0_wp/m(i)
+        v(i, 1) = raw(1, i)*r(i)
+        v(i, 2) = raw(2, i)*r(i)
+        v(i, 3) = raw(3, i)*r(i)
+      end do
+      if (step%stage /= stage_project) call note_cut_nodes(n, step%cutoff, raw, sums)
+      do i = 1, n
+        if (m(i) <= step%cutoff) m(i) = 0.0_wp
+      end do
+      if (held) call hold(v, book=step%stage /= stage_project)
+    end if
+
+    select case (step%stage)
+    case (stage_project)
+      do i = 1, n
+        g(1:3, i) = v(i, :)
+        g(4, i) = m(i)
+        g(5:7, i) = old(i, :)
+        g(8, i) = 0.0_wp
+      end do
+      return
+    case (stage_velocity)
+      do i = 1, n
+        sums(book_given) = sums(book_given) + real(raw(8, i), dp)
+        g(1:3, i) = v(i, :)
+        g(4, i) = m(i)
+        g(5:8, i) = 0.0_wp
+      end do
+      return
+    case (stage_full)
+      do i = 1, n
+        sums(book_given) = sums(book_given) + real(raw(8, i), dp)
+      end do
+    end select
+
+    call kick_nodes(n, step, m, v, raw, w, sums)
+    if (held) call hold_after_kick()
+    call book_energy(n, d, m, v, w, sums)
+    do i = 1, n
+      g(1:3, i) = w(i, :)
+      g(4, i) = m(i)
+      g(5:7, i) = w(i, :) - v(i, :)
+      g(8, i) = 0.0_wp
+    end do
+
+  contains
+
+    pure function node_of(i) result(node)
+      integer, intent(in) :: i
+      integer :: node(3)
+      node = at*grid%edge + [modulo(i - 1, grid%edge(1)), modulo((i - 1)/grid%edge(1), grid%edge(2)), &
+                             (i - 1)/(grid%edge(1)*grid%edge(2))]
+    end function node_of
+
+    !> Conditions on a velocity before the kick; the impulse of the sides goes into their reaction
+    subroutine hold(u, book)
+      real(wp), intent(inout) :: u(n, 3)
+      logical, intent(in) :: book
+      real(wp) :: free(3)
+      integer :: j
+      do j = 1, n
+        if (m(j) <= 0.0_wp) cycle
+        free = u(j, :)
+        call constrain(walls, grid, node_of(j), u(j, :))
+        if (.not. book) cycle
+        sums(book_reaction:book_reaction + 2) = sums(book_reaction:book_reaction + 2) + real(m(j)*(u(j, :) - free), dp)
+        sums(book_pushed) = sums(book_pushed) + real(m(j)*sum((u(j, :) - free)*u(j, :)), dp)
+      end do
+    end subroutine hold
+
+    !> Conditions after the kick; the sides do work on the material with the mean velocity
+    subroutine hold_after_kick()
+      real(wp) :: free(3), impulse(3)
+      integer :: j
+      do j = 1, n
+        if (m(j) <= 0.0_wp) cycle
+        free = w(j, :)
+        call constrain(walls, grid, node_of(j), w(j, :))
+        impulse = m(j)*(w(j, :) - free)
+        sums(book_reaction:book_reaction + 2) = sums(book_reaction:book_reaction + 2) + real(impulse, dp)
+        sums(book_walls) = sums(book_walls) + real(0.5_wp*sum(impulse*(v(j, :) + w(j, :))), dp)
+        ! the forces did their work with the velocity that the sides then allowed
+        sums(book_forces) = sums(book_forces) + real(0.5_wp*step%kick*sum(raw(5:7, j)*(w(j, :) - free)), dp)
+        sums(book_gravity) = sums(book_gravity) + real(0.5_wp*step%kick*m(j)*sum(step%gravity*(w(j, :) - free)), dp)
+        if (step%damping > 0.0_wp) sums(book_damping) = sums(book_damping) &
+          - real(0.5_wp*step%kick*step%damping*sum(abs(raw(5:7, j) + m(j)*step%gravity)*sign_or_zero(v(j, :))*(w(j, :) - free)), dp)
+      end do
+    end subroutine hold_after_kick
+
+  end subroutine update_nodes
+
+  !> w = v + kick (f/m + gravity), with local damping -alpha |f| sign(v) (Cundall); works with the unconstrained mean velocity
+  subroutine kick_nodes(n, step, m, v, raw, w, sums)
+    integer, intent(in) :: n
+    type(node_step_t), intent(in) :: step
+    real(wp), intent(in) :: m(n), v(n, 3), raw(nf, n)
+    real(wp), intent(out) :: w(n, 3)
+    real(dp), intent(inout) :: sums(n_node_sums)
+    real(wp) :: f, total, damped, work_f, work_g, work_d, r(n), kick, mean, gravity, damping
+    integer :: i, k
+    kick = step%kick
+    damping = step%damping
+    !$omp simd
+    do i = 1, n
+      r(i) = 0.0_wp
+      if (m(i) > 0.0_wp) r(i) = 1.0_wp/m(i)
+    end do
+    do k = 1, 3
+      work_f = 0.0_wp
+      work_g = 0.0_wp
+      work_d = 0.0_wp
+      gravity = step%gravity(k)
+      !$omp simd private(f, total, damped, mean) reduction(+:work_f, work_g, work_d)
+      do i = 1, n
+        f = merge(raw(4 + k, i), 0.0_wp, m(i) > 0.0_wp)
+        total = f + m(i)*gravity
+        damped = merge(sign(damping*abs(total), v(i, k)), 0.0_wp, v(i, k) /= 0.0_wp)
+        w(i, k) = v(i, k) + kick*(total - damped)*r(i)
+        mean = 0.5_wp*(v(i, k) + w(i, k))
+        work_f = work_f + kick*f*mean
+        work_g = work_g + kick*m(i)*gravity*mean
+        work_d = work_d - kick*damped*mean
+      end do
+      sums(book_forces) = sums(book_forces) + real(work_f, dp)
+      sums(book_gravity) = sums(book_gravity) + real(work_g, dp)
+      sums(book_damping) = sums(book_damping) + real(work_d, dp)
+    end do
+  end subroutine kick_nodes
+
+  pure elemental real(wp) function sign_or_zero(x)
+    real(wp), intent(in) :: x
+    sign_or_zero = 0.0_wp
+    if (x /= 0.0_wp) sign_or_zero = sign(1.0_wp, x)
+  end function sign_or_zero
+
+  !> Kinetic energy of the nodes before and after the kick
+  subroutine book_energy(n, d, m, v, w, sums)
+    integer, intent(in) :: n, d
+    real(wp), intent(in) :: m(n), v(n, 3), w(n, 3)
+    real(dp), intent(inout) :: sums(n_node_sums)
+    real(wp) :: before, after
+    integer :: i, k
+    do k = 1, d
+      before = 0.0_wp
+      after = 0.0_wp
+      !$omp simd reduction(+:before, after)
+      do i = 1, n
+        before = before + 0.5_wp*m(i)*v(i, k)**2
+        after = after + 0.5_wp*m(i)*w(i, k)**2
+      end do
+      sums(book_before) = sums(book_before) + real(before, dp)
+      sums(book_after) = sums(book_after) + real(after, dp)
+    end do
+  end subroutine book_energy
+
+  !> Nodes with too little mass drop what they were given: count it
+  subroutine note_cut_nodes(n, cutoff, raw, sums)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: cutoff, raw(nf, n)
+    real(dp), intent(inout) :: sums(n_node_sums)
+    integer :: i
+    do i = 1, n
+      if (raw(4, i) <= 0.0_wp .or. raw(4, i) > cutoff) cycle
+      sums(book_cut) = sums(book_cut) + 1.0_dp
+      sums(book_cut_momentum) = sums(book_cut_momentum) + real(sqrt(sum(raw(1:3, i)**2)), dp)
+    end do
+  end subroutine note_cut_nodes
+
+end module gimp_nodes

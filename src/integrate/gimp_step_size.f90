@@ -1,0 +1,77 @@
+!> The size of the next step, and which limit set it
+module gimp_step_size
+  use gimp_kinds, only: wp, dp
+  implicit none(type, external)
+  private
+  public :: time_options_t, next_step, limit_word, rule_adaptive, rule_uniform, rule_fixed, n_limits
+
+  integer, parameter :: rule_adaptive = 1, rule_uniform = 2, rule_fixed = 3
+  integer, parameter :: n_limits = 6
+  character(len=12), parameter :: words(n_limits) = [character(len=12) :: "prescribed", "courant", "displacement", "strain", &
+                                                     "growth", "output"]
+  real(wp), parameter :: most_displacement = 0.5_wp !! cells in a step (Berzins 2018)
+  real(wp), parameter :: most_strain = 0.1_wp !! dt |L|
+
+  !> How time is divided
+  type :: time_options_t
+    real(wp) :: end = 0.0_wp !! [s]
+    integer :: rule = rule_adaptive
+    real(wp) :: courant = 0.4_wp
+    real(wp) :: step = 0.0_wp !! prescribed step [s]
+    real(wp) :: growth = 1.05_wp !! largest ratio of a step to the one before
+    real(wp) :: smallest = 0.0_wp !! below: the run has failed [s]
+    integer :: max_steps = 0 !! 0: no limit
+  end type time_options_t
+
+contains
+
+  !> Name of a limit, as the history and the log give it
+  pure function limit_word(limit) result(word)
+    integer, intent(in) :: limit
+    character(len=:), allocatable :: word
+    word = trim(words(limit))
+  end function limit_word
+
+  !> The next step. An adaptive step obeys dt <= C h/(c + |v|), half a cell of displacement, a strain of 0.1 and the growth
+  !> limit, and is shortened (never lengthened) to meet the next time of interest, evenly over the last three steps.
+  pure subroutine next_step(options, spacing, rate, speed, strain_rate, last, until, dt, free, limit)
+    type(time_options_t), intent(in) :: options
+    real(wp), intent(in) :: spacing !! [m]
+    real(wp), intent(in) :: rate !! largest wave speed plus particle speed [m/s]
+    real(wp), intent(in) :: speed !! largest particle speed [m/s]
+    real(wp), intent(in) :: strain_rate !! largest norm of the velocity gradient [1/s]
+    real(wp), intent(in) :: last !! unshortened step before; 0 at the start [s]
+    real(wp), intent(in) :: until !! time left to the next time of interest [s]
+    real(wp), intent(out) :: dt !! [s]
+    real(wp), intent(out) :: free !! the step before it was shortened [s]
+    integer, intent(out) :: limit
+    integer :: n
+    if (options%rule /= rule_adaptive) then
+      dt = options%step
+      free = dt
+      limit = 1
+      return
+    end if
+    dt = options%courant*spacing/max(rate, tiny(1.0_wp))
+    limit = 2
+    if (speed*dt > most_displacement*spacing) then
+      dt = most_displacement*spacing/speed
+      limit = 3
+    end if
+    if (strain_rate*dt > most_strain) then
+      dt = most_strain/strain_rate
+      limit = 4
+    end if
+    if (last > 0.0_wp .and. dt > options%growth*last) then
+      dt = options%growth*last
+      limit = 5
+    end if
+    free = dt
+    if (until < 3.0_wp*dt) then
+      n = max(1, ceiling(until/dt - 1.0e-9_wp))
+      if (until/n < dt*(1.0_wp - 1.0e-9_wp)) limit = 6
+      dt = until/n
+    end if
+  end subroutine next_step
+
+end module gimp_step_size

@@ -1,0 +1,446 @@
+!> One explicit step, written as the papers write it: a short list of passes over the particles with the nodal equations
+!> between them. USL (Sulsky, Chen & Schreyer 1994), MUSL (Sulsky, Zhou & Schreyer 1995), USF and USAVG (Bardenhagen 2002,
+!> Nairn 2003), all with the symplectic (leap-frog) step.
+module gimp_stepper
+  use gimp_kinds, only: wp, dp, i8, lanes
+  use gimp_error, only: error_t, raise
+  use gimp_text, only: text_of
+  use gimp_timer, only: seconds_now
+  use gimp_grid, only: nodes_per_block, nf => fields_per_node, has_images
+  use gimp_images, only: fold_images, copy_images
+  use gimp_engine
+  use gimp_particle_pass, only: particle_pass
+  use gimp_pads, only: sum_pads, add_spills
+  use gimp_resort, only: sort_particles
+  use gimp_walls, only: walls_t, walls_near, move_walls, side_free
+  use gimp_loads, only: loads_t, gravity_at, collect_loads, add_loads, work_of_loads
+  use gimp_nodes
+  use gimp_books, only: books_t, close_step
+  use gimp_step_size, only: time_options_t, next_step
+  implicit none(type, external)
+  private
+  public :: stepper_t, method_t, start_run, plan_step, take_step, usf, usl, musl, usavg
+  public :: damping_none, damping_local, damping_kinetic, scheme_of_word
+  public :: phase_grid, phase_particles, phase_sort, phase_loads, n_phases
+
+  integer, parameter :: usf = 1, usl = 2, musl = 3, usavg = 4
+  integer, parameter :: damping_none = 0, damping_local = 1, damping_kinetic = 2
+  integer, parameter :: phase_grid = 1, phase_particles = 2, phase_sort = 3, phase_loads = 4, n_phases = 4
+
+  !> How a step is taken
+  type :: method_t
+    integer :: scheme = musl
+    real(wp) :: flip = 1.0_wp !! share of FLIP in the velocity transfer; 0 is PIC
+    real(wp) :: cutoff = 1.0e-12_wp !! mass cut-off, in units of the largest particle mass
+    logical :: half_start = .true. !! the first kick covers half a step, so that velocities live at half steps
+    integer :: damping = damping_none
+    real(wp) :: damping_factor = 0.7_wp
+    integer :: sort_every = 0 !! steps; 0: when needed
+  end type method_t
+
+  !> A run in progress
+  type :: stepper_t
+    type(engine_t) :: engine
+    type(method_t) :: method
+    type(time_options_t) :: time_options
+    type(walls_t) :: walls
+    type(loads_t) :: loads
+    type(books_t) :: books
+    real(wp) :: time = 0.0_wp !! of positions [s]
+    integer(i8) :: step = 0
+    real(wp) :: dt = 0.0_wp !! of the last step [s]
+    real(wp) :: free_dt = 0.0_wp !! the same before it was shortened to meet a time of interest
+    integer :: limit = 1 !! what set dt
+    real(wp) :: rate = 0.0_wp, speed = 0.0_wp, strain_rate = 0.0_wp !! peaks of the last step
+    real(wp) :: kick_before = 0.0_wp !! half of the last step: leap-frog with changing steps
+    real(wp) :: cutoff_mass = 0.0_wp !! [kg]
+    integer(i8) :: particle_steps = 0
+    real(dp) :: seconds(n_phases) = 0.0_dp
+    logical, allocatable, private :: held(:) !! (slot) touched by a side of the box
+    real(wp), allocatable, private :: raw(:, :, :) !! sums of pads, when images, loads or spills need them all at once
+    logical, private :: sort_now = .false.
+    real(dp), private :: kinetic_peak = 0.0_dp
+    real(dp), private :: removed_kinetic = 0.0_dp !! left with particles in this step [J]
+  end type stepper_t
+
+contains
+
+  !> Number of a scheme from its word, 0 for none
+  pure integer function scheme_of_word(word) result(scheme)
+    character(len=*), intent(in) :: word
+    select case (word)
+    case ("usf"); scheme = usf
+    case ("usl"); scheme = usl
+    case ("musl"); scheme = musl
+    case ("usavg"); scheme = usavg
+    case default; scheme = 0
+    end select
+  end function scheme_of_word
+
+  !> First sort and first transfer to the grid; particles, laws, walls, loads and options are set
+  subroutine start_run(s, error)
+    type(stepper_t), intent(inout) :: s
+    type(error_t), allocatable, intent(out) :: error
+    integer :: k
+    do k = 1, s%engine%grid%dim
+      s%engine%allowed_low(k) = -1.0_wp
+      s%engine%allowed_high(k) = s%engine%grid%cells(k) + 1.0_wp
+      if (s%walls%side(1, k)%condition == side_free .and. .not. s%walls%side(1, k)%removes) s%engine%allowed_low(k) = 0.0_wp
+      if (s%walls%side(2, k)%condition == side_free .and. .not. s%walls%side(2, k)%removes) &
+        s%engine%allowed_high(k) = s%engine%grid%cells(k)
+      if (s%engine%grid%periodic(k)) then
+        s%engine%allowed_low(k) = -2.0_wp
+        s%engine%allowed_high(k) = s%engine%grid%cells(k) + 2.0_wp
+      end if
+    end do
+    call resort(s)
+    s%cutoff_mass = s%method%cutoff*maxval(s%engine%particles%p(:, s%engine%particles%mass%first, :))
+    call run_pass(s, give_pass(s, s%time), error)
+    if (allocated(error)) return
+    s%books%kinetic = sum(s%engine%sums(sum_kinetic, :))
+    s%books%kinetic_start = s%books%kinetic
+    s%kinetic_peak = s%books%kinetic
+  end subroutine start_run
+
+  !> Choose the next step; `until` is the time left to the next time of interest
+  subroutine plan_step(s, until, error)
+    type(stepper_t), intent(inout) :: s
+    real(wp), intent(in) :: until !! [s]
+    type(error_t), allocatable, intent(out) :: error
+    call next_step(s%time_options, s%engine%grid%spacing, s%rate, s%speed, s%strain_rate, s%free_dt, until, s%dt, s%free_dt, &
+                   s%limit)
+    if (s%dt < s%time_options%smallest .and. s%limit /= 6) then
+      call raise(error, "step "//text_of(s%step + 1)//", t = "//text_of(s%time)//" s: the step has collapsed to " &
+                 //text_of(s%dt)//" s, below smallest_step = "//text_of(s%time_options%smallest)//" s")
+    else if (s%time + s%dt == s%time) then
+      call raise(error, "step "//text_of(s%step + 1)//", t = "//text_of(s%time)//" s: the step has collapsed to " &
+                 //text_of(s%dt)//" s, too small to move the clock")
+    end if
+  end subroutine plan_step
+
+  !> Advance by s%dt
+  subroutine take_step(s, error)
+    type(stepper_t), intent(inout) :: s
+    type(error_t), allocatable, intent(out) :: error
+    type(pass_t) :: first, second, last
+    real(dp) :: kinetic
+    real(wp) :: kick
+
+    kick = s%kick_before + 0.5_wp*s%dt
+    if (s%step == 0 .and. .not. s%method%half_start) kick = s%dt
+    s%books%work_external = 0.0_dp
+    s%removed_kinetic = 0.0_dp
+    call move_walls(s%walls, s%time + 0.5_wp*s%dt)
+    first = pass_t(flip=s%method%flip, dt=s%dt, dt_strain=s%dt, kick=kick, time=s%time)
+    last = first
+    last%time = s%time + s%dt
+
+    select case (s%method%scheme)
+    case (usl)
+      call nodal_stage(s, stage_full, kick)
+      last%velocity = .true.; last%position = .true.; last%strain = .true.
+    case (musl)
+      call nodal_stage(s, stage_full, kick)
+      first%velocity = .true.; first%momentum = .true.; first%old_weights = .true.
+      call run_pass(s, first, error)
+      if (allocated(error)) return
+      call nodal_stage(s, stage_project, kick)
+      last%position = .true.; last%moved_by_second = .true.; last%strain = .true.
+    case (usf)
+      call nodal_stage(s, stage_velocity, kick)
+      first%strain = .true.; first%force = .true.; first%old_weights = .true.
+      call run_pass(s, first, error)
+      if (allocated(error)) return
+      call nodal_stage(s, stage_kick, kick)
+      last%velocity = .true.; last%position = .true.
+    case (usavg)
+      call nodal_stage(s, stage_velocity, kick)
+      first%strain = .true.; first%force = .true.; first%old_weights = .true.; first%dt_strain = 0.5_wp*s%dt
+      call run_pass(s, first, error)
+      if (allocated(error)) return
+      call nodal_stage(s, stage_kick, kick)
+      second = pass_t(flip=s%method%flip, kick=kick, velocity=.true., momentum=.true., old_weights=.true.)
+      call run_pass(s, second, error)
+      if (allocated(error)) return
+      call nodal_stage(s, stage_project, kick)
+      last%position = .true.; last%moved_by_second = .true.; last%strain = .true.; last%dt_strain = 0.5_wp*s%dt
+    end select
+    call finish_pass(s, last, error)
+    if (allocated(error)) return
+
+    kinetic = sum(s%engine%sums(sum_kinetic, :))
+    call close_step(s%books, kinetic + s%removed_kinetic)
+    s%books%kinetic = kinetic
+    s%step = s%step + 1
+    s%time = s%time + s%dt
+    if (s%time_options%rule /= 1) s%time = s%step*s%time_options%step
+    s%kick_before = 0.5_wp*s%dt
+    s%particle_steps = s%particle_steps + s%engine%particles%n
+    if (s%method%damping == damping_kinetic) call relax(s, kinetic, error)
+  end subroutine take_step
+
+  !> The pass that brings particles to the grid for the next step
+  pure type(pass_t) function give_pass(s, time)
+    type(stepper_t), intent(in) :: s
+    real(wp), intent(in) :: time
+    give_pass%momentum = .true.
+    give_pass%force = s%method%scheme == usl .or. s%method%scheme == musl
+    give_pass%time = time
+  end function give_pass
+
+  !> Last pass of a step: take and give at once, or with a sort between when one is due
+  subroutine finish_pass(s, last, error)
+    type(stepper_t), intent(inout) :: s
+    type(pass_t), intent(in) :: last
+    type(error_t), allocatable, intent(out) :: error
+    type(pass_t) :: give, both
+    logical, allocatable :: leaving(:, :)
+    logical :: removes
+    removes = any(s%walls%side%removes)
+    if (s%method%sort_every > 0) s%sort_now = s%sort_now .or. modulo(s%step + 1, int(s%method%sort_every, i8)) == 0
+    give = give_pass(s, last%time)
+    if (.not. (s%sort_now .or. removes)) then
+      both = last
+      both%momentum = give%momentum
+      both%force = give%force
+      call run_pass(s, both, error)
+      return
+    end if
+    call run_pass(s, last, error)
+    if (allocated(error)) return
+    if (removes) call mark_leaving(s, leaving)
+    if (removes .and. allocated(leaving)) then
+      call resort(s, leaving)
+    else if (s%sort_now) then
+      call resort(s)
+    end if
+    call run_pass(s, give, error)
+  end subroutine finish_pass
+
+  !> Run a pass, note its peaks and counts, and make an error of the worst particle's fate
+  subroutine run_pass(s, pass, error)
+    type(stepper_t), intent(inout) :: s
+    type(pass_t), intent(in) :: pass
+    type(error_t), allocatable, intent(out) :: error
+    real(dp) :: start
+    integer :: b
+    start = seconds_now()
+    call particle_pass(s%engine, pass)
+    s%seconds(phase_particles) = s%seconds(phase_particles) + seconds_now() - start
+    associate (engine => s%engine)
+      if (any(engine%fate(1, :) /= fate_fine)) then
+        b = findloc(engine%fate(1, :) /= fate_fine, .true., dim=1)
+        call tell_fate(s, b, error)
+        return
+      end if
+      if (pass%force) s%rate = maxval(engine%peaks(peak_rate, :))
+      if (pass%momentum) s%speed = sqrt(maxval(engine%peaks(peak_speed, :)))
+      if (pass%strain) s%strain_rate = sqrt(maxval(engine%peaks(peak_strain, :)))
+      s%books%plastic = s%books%plastic + sum(engine%sums(sum_plastic, :))
+      s%books%work_external = s%books%work_external + sum(engine%sums(sum_external, :))
+      s%books%clamped = s%books%clamped + nint(sum(engine%sums(sum_clamped, :)), i8)
+      s%books%wide_chunks = s%books%wide_chunks + nint(sum(engine%sums(sum_wide, :)), i8)
+      s%books%spilled = s%books%spilled + engine%spill%n
+      if (pass%momentum .or. pass%force) s%sort_now = s%sort_now .or. any(engine%restless)
+    end associate
+  end subroutine run_pass
+
+  !> The message for a particle that went wrong
+  subroutine tell_fate(s, b, error)
+    type(stepper_t), intent(in) :: s
+    integer, intent(in) :: b
+    type(error_t), allocatable, intent(out) :: error
+    character(len=:), allocatable :: where, why
+    real(wp) :: x
+    integer :: c, l, k
+    c = s%engine%fate(2, b)
+    l = s%engine%fate(3, b)
+    where = ""
+    do k = 1, s%engine%grid%dim
+      x = s%engine%grid%lower(k) + s%engine%grid%spacing &
+          *(s%engine%particles%p(l, k, c) + s%engine%table%block_at(k, b)*s%engine%grid%edge(k))
+      if (k > 1) where = where//","
+      where = where//" "//text_of(x)
+    end do
+    select case (s%engine%fate(1, b))
+    case (fate_inverted); why = "its deformation gradient has no positive determinant (the particle is inverted)"
+    case (fate_outside); why = "it has left the grid"
+    case (fate_jumped); why = "it moved by more than a block in one step"
+    case default; why = "its position or deformation is not a number"
+    end select
+    call raise(error, "step "//text_of(s%step + 1)//", t = "//text_of(s%time)//" s, dt = "//text_of(s%dt)//" s: particle " &
+               //text_of(s%engine%particles%id(l, c))//" at"//where//" m: "//why)
+  end subroutine tell_fate
+
+  !> Sort, and renew what hangs on the tables of blocks
+  subroutine resort(s, leaving)
+    type(stepper_t), intent(inout) :: s
+    logical, intent(in), optional :: leaving(:, :)
+    real(dp) :: start
+    integer :: slot
+    start = seconds_now()
+    call sort_particles(s%engine, leaving)
+    if (allocated(s%held)) deallocate (s%held)
+    allocate (s%held(s%engine%table%slots))
+    do slot = 1, s%engine%table%slots
+      s%held(slot) = walls_near(s%walls, s%engine%grid, s%engine%table%slot_at(:, slot))
+    end do
+    s%sort_now = .false.
+    s%books%sorts = s%books%sorts + 1
+    s%seconds(phase_sort) = s%seconds(phase_sort) + seconds_now() - start
+  end subroutine resort
+
+  !> Particles beyond a free side that takes material out; not allocated when there are none
+  subroutine mark_leaving(s, leaving)
+    type(stepper_t), intent(inout) :: s
+    logical, allocatable, intent(out) :: leaving(:, :)
+    logical, allocatable :: marks(:, :)
+    real(wp) :: x
+    integer :: g, c, l, k
+    associate (particles => s%engine%particles, grid => s%engine%grid)
+      allocate (marks(lanes, particles%chunks), source=.false.)
+      do g = 1, size(particles%groups)
+        do c = particles%groups(g)%first, particles%groups(g)%last
+          do l = 1, lanes
+            if (particles%id(l, c) == 0) cycle
+            do k = 1, grid%dim
+              x = particles%p(l, k, c) + particles%groups(g)%at(k)*grid%edge(k)
+              if (s%walls%side(1, k)%removes .and. x < 0.0_wp) marks(l, c) = .true.
+              if (s%walls%side(2, k)%removes .and. x > grid%cells(k)) marks(l, c) = .true.
+            end do
+            if (.not. marks(l, c)) cycle
+            call book_removed(particles%groups(g)%material, c, l)
+          end do
+        end do
+      end do
+    end associate
+    if (any(marks)) call move_alloc(marks, leaving)
+
+  contains
+
+    !> Kinetic and stored energy leave with the particle
+    subroutine book_removed(material, chunk, lane)
+      integer, intent(in) :: material, chunk, lane
+      real(wp) :: f(lanes, 9), energy(lanes)
+      real(dp) :: moving
+      integer :: i, j, d, v
+      d = s%engine%grid%dim
+      f = 0.0_wp
+      f(:, 1:9:4) = 1.0_wp
+      do i = 1, d
+        do j = 1, d
+          f(:, 3*(i - 1) + j) = s%engine%particles%p(:, s%engine%particles%deformation%first + d*(i - 1) + j - 1, chunk)
+        end do
+      end do
+      v = s%engine%particles%velocity%first
+      associate (p => s%engine%particles%p, particles => s%engine%particles)
+        call s%engine%laws(material)%law%stored_energy(f, p(1, max(1, particles%state%first), chunk), energy)
+        moving = 0.5_dp*p(lane, particles%mass%first, chunk)*sum(p(lane, v:v + d - 1, chunk)**2)
+        s%books%removed = s%books%removed + moving + p(lane, particles%volume%first, chunk)*energy(lane)
+        s%removed_kinetic = s%removed_kinetic + moving
+      end associate
+      s%books%removed_particles = s%books%removed_particles + 1
+    end subroutine book_removed
+
+  end subroutine mark_leaving
+
+  !> Nodes add their pads and obey the equation of motion
+  subroutine nodal_stage(s, stage, kick)
+    type(stepper_t), intent(inout) :: s
+    integer, intent(in) :: stage
+    real(wp), intent(in) :: kick
+    type(node_step_t) :: step
+    real(dp) :: sums(n_node_sums), start
+    real(wp) :: raw(nf, nodes_per_block)
+    integer :: slot, lost
+    logical :: loaded, at_once
+
+    start = seconds_now()
+    step = node_step_t(stage=stage, kick=kick, gravity=gravity_at(s%loads, s%time), cutoff=s%cutoff_mass)
+    if (s%method%damping == damping_local) step%damping = s%method%damping_factor
+    loaded = .false.
+    if (stage == stage_full .or. stage == stage_kick) then
+      call collect_loads(s%loads, s%engine, s%time)
+      loaded = s%loads%n > 0
+    end if
+    at_once = .not. (loaded .or. s%engine%spill%n > 0 .or. has_images(s%engine%grid))
+    sums = 0.0_dp
+    associate (engine => s%engine, table => s%engine%table)
+      if (at_once) then
+        do slot = 1, table%slots
+          call sum_pads(engine, slot, raw)
+          call update_nodes(step, engine%grid, s%walls, s%held(slot), table%slot_at(:, slot), raw, engine%g(:, :, slot), sums)
+        end do
+      else
+        if (allocated(s%raw)) then
+          if (size(s%raw, 3) /= table%slots) deallocate (s%raw)
+        end if
+        if (.not. allocated(s%raw)) allocate (s%raw(nf, nodes_per_block, table%slots))
+        do slot = 1, table%slots
+          call sum_pads(engine, slot, s%raw(:, :, slot))
+        end do
+        call add_spills(engine, table%slots, s%raw)
+        if (loaded) then
+          lost = 0
+          call add_loads(s%loads, engine, table%slots, s%raw, lost)
+          s%books%lost_loads = s%books%lost_loads + lost
+        end if
+        call fold_images(engine%images, table%slots, s%raw)
+        do slot = 1, table%slots
+          call update_nodes(step, engine%grid, s%walls, s%held(slot), table%slot_at(:, slot), s%raw(:, :, slot), &
+                            engine%g(:, :, slot), sums)
+        end do
+        call copy_images(engine%images, table%slots, engine%g)
+      end if
+      if (loaded) s%books%work_external = s%books%work_external + work_of_loads(s%loads, engine, table%slots, engine%g, kick)
+    end associate
+    call book_stage(s%books, stage, kick, sums)
+    s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
+  end subroutine nodal_stage
+
+  !> Carry the sums of a stage into the books
+  pure subroutine book_stage(books, stage, kick, sums)
+    type(books_t), intent(inout) :: books
+    integer, intent(in) :: stage
+    real(wp), intent(in) :: kick
+    real(dp), intent(in) :: sums(n_node_sums)
+    if (stage == stage_full .or. stage == stage_velocity) then
+      books%given = sums(book_given)
+      books%work_pushed = sums(book_pushed)
+      books%cut_nodes = books%cut_nodes + nint(sums(book_cut), kind(books%cut_nodes))
+      books%cut_momentum = books%cut_momentum + sums(book_cut_momentum)
+      books%reaction = sums(book_reaction:book_reaction + 2)/kick
+    end if
+    if (stage == stage_kick) books%reaction = books%reaction + sums(book_reaction:book_reaction + 2)/kick
+    if (stage == stage_full .or. stage == stage_kick) then
+      books%grid_before = sums(book_before)
+      books%grid_after = sums(book_after)
+      books%work_forces = sums(book_forces)
+      books%work_gravity = sums(book_gravity)
+      books%work_walls = sums(book_walls)
+      books%work_damping = sums(book_damping)
+    end if
+  end subroutine book_stage
+
+  !> Kinetic damping: at a maximum of the kinetic energy all velocities are set to zero (dynamic relaxation)
+  subroutine relax(s, kinetic, error)
+    type(stepper_t), intent(inout) :: s
+    real(dp), intent(in) :: kinetic
+    type(error_t), allocatable, intent(out) :: error
+    integer :: k, v
+    if (kinetic >= s%kinetic_peak) then
+      s%kinetic_peak = kinetic
+      return
+    end if
+    v = s%engine%particles%velocity%first
+    do k = 1, s%engine%grid%dim
+      s%engine%particles%p(:, v + k - 1, :) = 0.0_wp
+    end do
+    s%books%damping = s%books%damping + kinetic
+    s%books%kinetic = 0.0_dp
+    s%kinetic_peak = 0.0_dp
+    s%kick_before = 0.0_wp ! leap-frog starts anew with half a kick
+    call run_pass(s, give_pass(s, s%time), error)
+  end subroutine relax
+
+end module gimp_stepper

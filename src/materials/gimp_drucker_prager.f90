@@ -1,0 +1,182 @@
+!> Frictional solid on logarithmic strain: Hencky elasticity, Drucker-Prager cone in the Kirchhoff stress, perfectly plastic.
+!>
+!> f = sqrt(J2) + eta p - xi c, p = tr(tau)/3 (tension positive), flow potential sqrt(J2) + etabar p. Return in principal axes
+!> (de Souza Neto, Peric & Owen 2008, ch. 8.3): to the cone, g = f/(mu + K eta etabar), and to the apex p = xi c/eta where
+!> that would make sqrt(J2) negative. The cone goes through a Mohr-Coulomb surface in plane strain (default), at the outer
+!> (compression) edges or at the inner (extension) edges. Without friction it is a cylinder and has no apex.
+module gimp_drucker_prager
+  use gimp_kinds, only: wp, lanes, pi
+  use gimp_error, only: error_t
+  use gimp_material, only: material_t
+  use gimp_material_options, only: material_options_t, set_elasticity, is_set, demand_at_least, demand_within, complain
+  use gimp_log_strain, only: plastic_states, at_plastic_strain, at_stress, starting_strain, trial_strain, keep_state, &
+    elastic_energy, wave_bound
+  implicit none(type, external)
+  private
+  public :: drucker_prager_t, make_drucker_prager
+
+  !> The model; needs density, lambda, mu and the cone
+  type, extends(material_t) :: drucker_prager_t
+    real(wp) :: eta = 0.0_wp !! slope of the cone over p
+    real(wp) :: eta_bar = 0.0_wp !! slope of the flow potential over p
+    real(wp) :: strength = 0.0_wp !! xi c: sqrt(J2) at yield without pressure [Pa]
+  contains
+    procedure :: start_state
+    procedure :: advance_state
+    procedure :: kirchhoff
+    procedure :: stored_energy
+    procedure :: equivalent_plastic_strain
+  end type drucker_prager_t
+
+contains
+
+  !> From the options of a scene
+  subroutine make_drucker_prager(options, material, error)
+    type(material_options_t), intent(in) :: options
+    class(material_t), allocatable, intent(out) :: material
+    type(error_t), allocatable, intent(out) :: error
+    type(drucker_prager_t) :: made
+    character(len=32) :: cone
+    real(wp) :: unused, xi
+    call demand_at_least(options, "cohesion", 0.0_wp, error)
+    call demand_within(options, "friction_angle", 0.0_wp, 89.0_wp, error)
+    if (is_set(options, "dilation_angle")) &
+      call demand_within(options, "dilation_angle", 0.0_wp, max(0.0_wp, options%friction_angle), error)
+    if (options%cohesion == 0.0_wp .and. options%friction_angle == 0.0_wp) &
+      call complain(options, "cohesion", "must be above 0 where friction_angle = 0", error)
+    cone = options%cone
+    if (cone == "") cone = "plane_strain"
+    if (.not. (cone == "plane_strain" .or. cone == "outer" .or. cone == "inner")) &
+      call complain(options, "cone", "must be plane_strain, outer or inner", error)
+    if (.not. allocated(error)) then
+      call cone_slopes(cone, options%friction_angle, made%eta, xi)
+      if (is_set(options, "dilation_angle")) call cone_slopes(cone, options%dilation_angle, made%eta_bar, unused)
+      made%strength = xi*options%cohesion
+      made%states = plastic_states
+    end if
+    allocate (material, source=made)
+    call set_elasticity(options, material, error)
+  end subroutine make_drucker_prager
+
+  !> eta and xi of a cone through the Mohr-Coulomb surface
+  pure subroutine cone_slopes(cone, angle, eta, xi)
+    character(len=*), intent(in) :: cone !! plane_strain, outer or inner
+    real(wp), intent(in) :: angle !! [degree]
+    real(wp), intent(out) :: eta, xi
+    real(wp) :: s, c, t
+    s = sin(angle*pi/180)
+    c = cos(angle*pi/180)
+    t = tan(angle*pi/180)
+    select case (cone)
+    case ("outer")
+      eta = 6*s/(sqrt(3.0_wp)*(3 - s))
+      xi = 6*c/(sqrt(3.0_wp)*(3 - s))
+    case ("inner")
+      eta = 6*s/(sqrt(3.0_wp)*(3 + s))
+      xi = 6*c/(sqrt(3.0_wp)*(3 + s))
+    case default
+      eta = 3*t/sqrt(9 + 12*t*t)
+      xi = 3/sqrt(9 + 12*t*t)
+    end select
+  end subroutine cone_slopes
+
+  !> The elastic strain of F (or of an initial stress), returned to the cone
+  pure subroutine start_state(self, f, stress, state)
+    class(drucker_prager_t), intent(in) :: self
+    real(wp), intent(in) :: f(lanes, 9), stress(lanes, 6)
+    real(wp), intent(inout) :: state(lanes, *)
+    real(wp) :: b(lanes, 6), e(lanes, 3), n(lanes, 9), work(lanes)
+    integer :: k
+    call starting_strain(self%lambda, self%mu, f, stress, b, e, n)
+    do k = 1, lanes
+      state(k, at_plastic_strain) = 0.0_wp
+    end do
+    call return_strain(self, b, e, n, state, work)
+  end subroutine start_state
+
+  !> Push b_e forward and return it to the cone
+  pure subroutine advance_state(self, dt, l, df, f, state, dissipated)
+    class(drucker_prager_t), intent(in) :: self
+    real(wp), intent(in) :: dt, l(lanes, 9), df(lanes, 9), f(lanes, 9)
+    real(wp), intent(inout) :: state(lanes, *)
+    real(wp), intent(out) :: dissipated(lanes)
+    real(wp) :: b(lanes, 6), e(lanes, 3), n(lanes, 9)
+    call trial_strain(df, state, b, e, n)
+    call return_strain(self, b, e, n, state, dissipated)
+  end subroutine advance_state
+
+  !> Return the principal trial strain and store what follows
+  pure subroutine return_strain(self, b, e, n, state, work)
+    class(drucker_prager_t), intent(in) :: self
+    real(wp), intent(in) :: b(lanes, 6) !! trial b_e
+    real(wp), intent(inout) :: e(lanes, 3) !! principal strains: trial, then returned
+    real(wp), intent(in) :: n(lanes, 9) !! principal directions
+    real(wp), intent(inout) :: state(lanes, *)
+    real(wp), intent(out) :: work(lanes) !! plastic work: stress after the return on the plastic strain [J/m3]
+    real(wp) :: flows(lanes), mu, bulk, eta, eta_bar, strength, stiffness, apex
+    integer :: k
+    mu = self%mu
+    bulk = self%lambda + 2*self%mu/3
+    eta = self%eta
+    eta_bar = self%eta_bar
+    strength = self%strength
+    stiffness = mu + bulk*eta*eta_bar
+    apex = strength/max(eta, tiny(1.0_wp)*max(1.0_wp, strength)) ! not used where eta = 0; the max keeps it finite
+    !$omp simd simdlen(lanes)
+    do k = 1, lanes
+      block
+        real(wp) :: mean, d1, d2, d3, p, p_trial, root, root_trial, g, scale
+        logical :: past_apex
+        mean = (e(k, 1) + e(k, 2) + e(k, 3))/3.0_wp
+        d1 = e(k, 1) - mean
+        d2 = e(k, 2) - mean
+        d3 = e(k, 3) - mean
+        p_trial = 3.0_wp*bulk*mean
+        root_trial = mu*sqrt(2.0_wp*(d1*d1 + d2*d2 + d3*d3)) ! sqrt(J2)
+        g = max(0.0_wp, root_trial + eta*p_trial - strength)/stiffness
+        root = root_trial - mu*g
+        past_apex = root < 0.0_wp ! only with friction: without it root = strength
+        p = merge(apex, p_trial - bulk*eta_bar*g, past_apex)
+        root = max(root, 0.0_wp)
+        scale = merge(root/max(root_trial, tiny(1.0_wp)), 1.0_wp, g > 0.0_wp)
+        mean = merge(p/(3.0_wp*bulk), mean, g > 0.0_wp)
+        e(k, 1) = mean + scale*d1
+        e(k, 2) = mean + scale*d2
+        e(k, 3) = mean + scale*d3
+        flows(k) = g
+        work(k) = merge(p*(p_trial - p)/bulk + root*(root_trial - root)/mu, 0.0_wp, g > 0.0_wp)
+        state(k, at_plastic_strain) = state(k, at_plastic_strain) + (root_trial - root)/(sqrt(3.0_wp)*mu)
+      end block
+    end do
+    call keep_state(self%lambda, self%mu, flows, b, e, n, state)
+  end subroutine return_strain
+
+  !> The stress of the last return, and the bound of the elastic wave speed
+  pure subroutine kirchhoff(self, f, state, tau, speed2)
+    class(drucker_prager_t), intent(in) :: self
+    real(wp), intent(in) :: f(lanes, 9)
+    real(wp), intent(in) :: state(lanes, *)
+    real(wp), intent(out) :: tau(lanes, 6)
+    real(wp), intent(out) :: speed2(lanes)
+    tau = state(:, at_stress + 1:at_stress + 6)
+    call wave_bound(self%lambda, self%mu, self%density, tau, speed2)
+  end subroutine kirchhoff
+
+  !> The elastic part
+  pure subroutine stored_energy(self, f, state, energy)
+    class(drucker_prager_t), intent(in) :: self
+    real(wp), intent(in) :: f(lanes, 9)
+    real(wp), intent(in) :: state(lanes, *)
+    real(wp), intent(out) :: energy(lanes)
+    call elastic_energy(self%lambda, self%mu, state(:, at_stress + 1:at_stress + 6), energy)
+  end subroutine stored_energy
+
+  !> The time integral of sqrt(2/3 dev Dp:dev Dp)
+  pure subroutine equivalent_plastic_strain(self, state, ep)
+    class(drucker_prager_t), intent(in) :: self
+    real(wp), intent(in) :: state(lanes, *)
+    real(wp), intent(out) :: ep(lanes)
+    ep = state(:, at_plastic_strain)
+  end subroutine equivalent_plastic_strain
+
+end module gimp_drucker_prager

@@ -1,0 +1,116 @@
+!> The Cartesian background grid: where its nodes, cells and blocks lie.
+!>
+!> Node i of an axis lies at lower + i*spacing, i = 0..cells inside the box; nodes outside (ghosts) are ordinary nodes.
+!> A cell is half open, [i, i+1). Blocks hold 64 nodes in every dimension: 4x4x4, 8x8 or 64.
+module gimp_grid
+  use gimp_kinds, only: wp, i8
+  implicit none(type, external)
+  private
+  public :: grid_t, make_grid, block_edge, nodes_per_block, ghost_cells, block_key, fields_per_node
+  public :: node_mass, longest_axis, block_of_node, has_images, canonical_node
+
+  integer, parameter :: nodes_per_block = 64
+  integer, parameter :: fields_per_node = 8 !! one cache line: three components, mass, three components, energy
+  integer, parameter :: node_mass = 4 !! field of the nodal mass
+  integer, parameter :: ghost_cells = 2 !! layers outside the box that domains may reach into
+  integer, parameter :: longest_axis = 2**20 !! blocks along an axis that a key has room for
+
+  !> Box and spacing
+  type :: grid_t
+    integer :: dim = 0
+    real(wp) :: lower(3) = 0.0_wp !! corner of the box [m]
+    real(wp) :: spacing = 1.0_wp !! edge of a cell [m]
+    integer :: cells(3) = 1 !! cells of the box along each axis
+    integer :: edge(3) = 1 !! nodes along the edges of a block
+    logical :: periodic(3) = .false. !! axes that close on themselves
+    logical :: mirror_low(3) = .false., mirror_high(3) = .false. !! planes of symmetry
+  end type grid_t
+
+contains
+
+  !> Edges of a block in nodes: 4x4x4 in 3D, 8x8x1 in 2D, 64x1x1 in 1D
+  pure function block_edge(dim) result(edge)
+    integer, intent(in) :: dim
+    integer :: edge(3)
+    edge = 1
+    select case (dim)
+    case (1); edge(1) = 64
+    case (2); edge(1:2) = 8
+    case (3); edge = 4
+    end select
+  end function block_edge
+
+  !> A grid from its box; the box is a whole number of cells (checked by the scene)
+  pure function make_grid(dim, lower, upper, spacing) result(grid)
+    integer, intent(in) :: dim
+    real(wp), intent(in) :: lower(:), upper(:) !! [m]
+    real(wp), intent(in) :: spacing !! [m]
+    type(grid_t) :: grid
+    grid%dim = dim
+    grid%lower(:dim) = lower(:dim)
+    grid%spacing = spacing
+    grid%cells(:dim) = nint((upper(:dim) - lower(:dim))/spacing)
+    grid%edge = block_edge(dim)
+  end function make_grid
+
+  !> Key of a block: its coordinates interleaved bit by bit (Morton order), so that near blocks have near keys.
+  !> 20 bits an axis; the two bits above them are left for a refinement level.
+  pure integer(i8) function block_key(at) result(key)
+    integer, intent(in) :: at(3) !! block coordinates, ghosts negative
+    integer(i8) :: part
+    integer :: k
+    key = 0
+    do k = 1, 3
+      part = spread_bits(int(at(k) + longest_axis/2, i8))
+      key = ior(key, shiftl(part, k - 1))
+    end do
+  end function block_key
+
+  !> Coordinates of the block that a node lies in
+  pure function block_of_node(grid, node) result(at)
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: node(3)
+    integer :: at(3)
+    at = (node - modulo(node, grid%edge))/grid%edge
+  end function block_of_node
+
+  !> Whether some nodes stand for others: periodic or symmetric sides
+  pure logical function has_images(grid)
+    type(grid_t), intent(in) :: grid
+    has_images = any(grid%periodic) .or. any(grid%mirror_low) .or. any(grid%mirror_high)
+  end function has_images
+
+  !> The node that a node stands for, and the signs that vector components take on the way
+  pure subroutine canonical_node(grid, node, target, sign)
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: node(3)
+    integer, intent(out) :: target(3)
+    real(wp), intent(out) :: sign(3) !! -1 along the axis of a mirror that was crossed
+    integer :: k
+    target = node
+    sign = 1.0_wp
+    do k = 1, grid%dim
+      if (grid%periodic(k)) then
+        target(k) = modulo(node(k), grid%cells(k))
+      else if (grid%mirror_low(k) .and. node(k) < 0) then
+        target(k) = -node(k)
+        sign(k) = -1.0_wp
+      else if (grid%mirror_high(k) .and. node(k) > grid%cells(k)) then
+        target(k) = 2*grid%cells(k) - node(k)
+        sign(k) = -1.0_wp
+      end if
+    end do
+  end subroutine canonical_node
+
+  !> Put two empty bits between the 20 lowest bits of a number
+  pure integer(i8) function spread_bits(number) result(s)
+    integer(i8), intent(in) :: number
+    s = iand(number, int(z"FFFFF", i8))
+    s = iand(ior(s, shiftl(s, 32)), int(z"1F00000000FFFF", i8))
+    s = iand(ior(s, shiftl(s, 16)), int(z"1F0000FF0000FF", i8))
+    s = iand(ior(s, shiftl(s, 8)), int(z"100F00F00F00F00F", i8))
+    s = iand(ior(s, shiftl(s, 4)), int(z"10C30C30C30C30C3", i8))
+    s = iand(ior(s, shiftl(s, 2)), int(z"1249249249249249", i8))
+  end function spread_bits
+
+end module gimp_grid

@@ -1,0 +1,114 @@
+!> Nodes that stand for others: ghosts of periodic sides and of planes of symmetry.
+!>
+!> Contributions to an image are added to the node it stands for, in the order of the list, before nodes are updated;
+!> afterwards the image takes that node's values. Any number of cells is allowed on a periodic axis.
+module gimp_images
+  use gimp_kinds, only: wp
+  use gimp_grid, only: grid_t, nodes_per_block, fields_per_node, has_images, canonical_node, block_of_node
+  use gimp_blocks, only: block_table_t, slot_of_node, node_in_block
+  implicit none(type, external)
+  private
+  public :: image_t, images_wanted, build_images, fold_images, copy_images
+
+  !> One image and the node it stands for
+  type :: image_t
+    integer :: slot = 0, place = 0 !! of the image
+    integer :: target_slot = 0, target_place = 0 !! of the node it stands for
+    real(wp) :: sign(fields_per_node) = 1.0_wp
+  end type image_t
+
+contains
+
+  !> Blocks that hold the targets of images near the particle blocks at `at` (with repeats)
+  subroutine images_wanted(grid, at, extra)
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: at(:, :) !! (3, block)
+    integer, allocatable, intent(out) :: extra(:, :) !! (3, any)
+    integer, allocatable :: wider(:, :)
+    integer :: b, k, n, node(3), target(3), reach(3), place, last(3)
+    real(wp) :: sign(3)
+    allocate (extra(3, 0))
+    if (.not. has_images(grid)) return
+    allocate (wider(3, 64))
+    n = 0
+    last = huge(1)
+    reach = merge(1, 0, [1, 2, 3] <= grid%dim)
+    do b = 1, size(at, 2)
+      if (all(at(:, b)*grid%edge >= grid%edge .and. (at(:, b) + 2)*grid%edge <= grid%cells .or. reach == 0)) cycle
+      do place = 0, product((2*reach + 1)*grid%edge) - 1
+        k = place
+        node(1) = modulo(k, (2*reach(1) + 1)*grid%edge(1)); k = k/((2*reach(1) + 1)*grid%edge(1))
+        node(2) = modulo(k, (2*reach(2) + 1)*grid%edge(2)); k = k/((2*reach(2) + 1)*grid%edge(2))
+        node(3) = k
+        node = node + (at(:, b) - reach)*grid%edge
+        call canonical_node(grid, node, target, sign)
+        if (all(target == node)) cycle
+        target = block_of_node(grid, target)
+        if (all(target == last)) cycle
+        last = target
+        if (n == size(wider, 2)) wider = reshape(wider, [3, 2*n], pad=[0])
+        n = n + 1
+        wider(:, n) = target
+      end do
+    end do
+    extra = wider(:, :n)
+  end subroutine images_wanted
+
+  !> List every active node that stands for another, in the order of slots and nodes
+  subroutine build_images(grid, table, images)
+    type(grid_t), intent(in) :: grid
+    type(block_table_t), intent(in) :: table
+    type(image_t), allocatable, intent(out) :: images(:)
+    type(image_t), allocatable :: wider(:)
+    integer :: s, place, node(3), target(3), n, slot
+    real(wp) :: sign(3)
+    allocate (images(0))
+    if (.not. has_images(grid)) return
+    allocate (wider(64))
+    n = 0
+    do s = 1, table%slots
+      do place = 0, nodes_per_block - 1
+        node(1) = modulo(place, grid%edge(1))
+        node(2) = modulo(place/grid%edge(1), grid%edge(2))
+        node(3) = place/(grid%edge(1)*grid%edge(2))
+        node = node + table%slot_at(:, s)*grid%edge
+        call canonical_node(grid, node, target, sign)
+        if (all(target == node)) cycle
+        slot = slot_of_node(table, grid, target)
+        if (slot == 0) cycle ! so far from any particle that nothing reaches it
+        if (n == size(wider)) wider = [wider, wider]
+        n = n + 1
+        wider(n) = image_t(s, place + 1, slot, node_in_block(grid, target), [sign, 1.0_wp, sign, 1.0_wp])
+      end do
+    end do
+    images = wider(:n)
+  end subroutine build_images
+
+  !> Add what images collected to the nodes they stand for, and empty the images
+  pure subroutine fold_images(images, slots, g)
+    type(image_t), intent(in) :: images(:)
+    integer, intent(in) :: slots
+    real(wp), intent(inout) :: g(fields_per_node, nodes_per_block, slots)
+    integer :: k
+    do k = 1, size(images)
+      associate (i => images(k))
+        g(:, i%target_place, i%target_slot) = g(:, i%target_place, i%target_slot) + i%sign*g(:, i%place, i%slot)
+        g(:, i%place, i%slot) = 0.0_wp
+      end associate
+    end do
+  end subroutine fold_images
+
+  !> Give images the values of the nodes they stand for
+  pure subroutine copy_images(images, slots, g)
+    type(image_t), intent(in) :: images(:)
+    integer, intent(in) :: slots
+    real(wp), intent(inout) :: g(fields_per_node, nodes_per_block, slots)
+    integer :: k
+    do k = 1, size(images)
+      associate (i => images(k))
+        g(:, i%place, i%slot) = i%sign*g(:, i%target_place, i%target_slot)
+      end associate
+    end do
+  end subroutine copy_images
+
+end module gimp_images

@@ -1,0 +1,42 @@
+!> The one file a run leaves behind, NAME.vtkhdf: frames, history, scene and summary share it.
+!>
+!> It only grows, and its last commit stays readable after a kill or on a full disk: see `gimp_append_file`.
+module gimp_output_file
+  use gimp_error, only: error_t
+  use gimp_append_file, only: append_file_t, create_append_file, commit_append_file, close_append_file
+  implicit none(type, external)
+  private
+  public :: output_file_t, open_output, commit_output, close_output
+
+  !> The open output file; frames, history and summary write into it
+  type :: output_file_t
+    type(append_file_t) :: file
+  end type output_file_t
+
+contains
+
+  !> Start an output file. An older file of that name stays until the first commit
+  subroutine open_output(path, overwrite, output, error, durable)
+    character(len=*), intent(in) :: path !! as in "disks.vtkhdf"
+    logical, intent(in) :: overwrite !! else an existing file is an error
+    type(output_file_t), intent(out) :: output
+    type(error_t), allocatable, intent(out) :: error
+    logical, intent(in), optional :: durable !! wait for the device at commits, against crashes of the machine; .false.
+    call create_append_file(path, overwrite, output%file, error, durable)
+  end subroutine open_output
+
+  !> Make all that was written so far part of the file
+  subroutine commit_output(output, error)
+    type(output_file_t), intent(inout) :: output
+    type(error_t), allocatable, intent(out) :: error
+    call commit_append_file(output%file, error)
+  end subroutine commit_output
+
+  !> Commit and close; after a failed write the file is left as last committed
+  subroutine close_output(output, error)
+    type(output_file_t), intent(inout) :: output
+    type(error_t), allocatable, intent(out) :: error
+    call close_append_file(output%file, error)
+  end subroutine close_output
+
+end module gimp_output_file

@@ -1,0 +1,354 @@
+!> Bodies become particles.
+!>
+!> Cartesian fill: particles sit at the centres of equal parts of the background cells, x = lower + (cell + (k - 1/2)/n) h,
+!> where that centre lies in the body; V0 = prod h/n, half lengths h/(2n). Order: body by body, within a body by coordinate,
+!> last axis fastest. Polar fill (2D ring or sphere): rings of equal width cut into equal angles; a particle sits at the mid
+!> radius of its sector, where V0 = r dr dtheta is the exact area; radius by radius from the inside, then by angle.
+!>
+!> Who owns a point: a later body takes only what no earlier one holds; `subtract` carves all bodies above it in the list,
+!> and what it frees is open to bodies below it.
+module gimp_fill
+  use gimp_kinds, only: wp, i8, pi
+  use gimp_error, only: error_t, add_error
+  use gimp_text, only: text_of
+  use gimp_shapes, only: shape_t, inside, shape_bounds, check_shape, shape_none, shape_ring, shape_sphere, unbounded
+  implicit none(type, external)
+  private
+  public :: fill_t, fill_body_t, fill_bodies, face_x_low, face_x_high, face_y_low, face_y_high, face_z_low, face_z_high
+
+  !> Bits of `faces`, as for btest
+  integer, parameter :: face_x_low = 0, face_x_high = 1, face_y_low = 2, face_y_high = 3, face_z_low = 4, face_z_high = 5
+  character(len=*), parameter :: side_names(0:5) = ["x_low ", "x_high", "y_low ", "y_high", "z_low ", "z_high"]
+
+  !> A body as the fill sees it
+  type :: fill_body_t
+    character(len=32) :: name = ""
+    type(shape_t) :: shape !! kind `shape_none`: particles come from elsewhere, nothing is filled or claimed here
+    logical :: subtract = .false. !! carves the bodies above it instead of adding material
+    integer :: particles_per_axis(3) = 2 !! per cell
+    logical :: polar = .false. !! polar instead of Cartesian fill
+    integer :: radial_particles = 0, angular_particles = 0 !! polar fill
+  end type fill_body_t
+
+  !> The particles of all bodies, in the order of the bodies
+  type :: fill_t
+    integer(i8) :: n = 0
+    real(wp), allocatable :: position(:, :) !! (dim, n) absolute [m]
+    real(wp), allocatable :: volume(:) !! (n) [m3; per unit thickness in 2D]
+    real(wp), allocatable :: half_length(:, :) !! (dim, n) [m]; polar: of the square with the area of the sector
+    integer, allocatable :: body(:) !! (n) number of the body
+    integer, allocatable :: faces(:) !! (n) bit mask: no particle of the same body next to it there; polar fill: 0
+    integer(i8), allocatable :: first(:), count(:) !! (bodies) where a body starts, and how many particles it has
+  end type fill_t
+
+  !> Grid points at which one body may have particles
+  type :: lattice_t
+    integer :: dim = 0
+    integer :: first(3) = 1, last(3) = 1 !! may include one layer outside the grid box, to notice what sticks out
+    integer :: points(3) = 1 !! points of the whole grid box along each axis
+    real(wp) :: x(3) = 0.0_wp !! lower corner of the grid box [m]
+    real(wp) :: spacing = 0.0_wp !! of the background grid [m]
+    integer :: per_axis(3) = 1 !! particles per cell
+  end type lattice_t
+
+contains
+
+  !> Fill all bodies; tells every mistake at once
+  subroutine fill_bodies(dim, lower, spacing, cells, bodies, result, error)
+    integer, intent(in) :: dim
+    real(wp), intent(in) :: lower(3) !! lower corner of the grid box [m]
+    real(wp), intent(in) :: spacing !! of the background grid [m]
+    integer, intent(in) :: cells(3) !! of the grid box along each axis
+    type(fill_body_t), intent(in) :: bodies(:)
+    type(fill_t), intent(out) :: result
+    type(error_t), allocatable, intent(out) :: error
+    integer, allocatable :: rivals(:)
+    type(lattice_t) :: lattice
+    integer(i8) :: n
+    integer :: b, pass, outside
+
+    allocate (result%first(size(bodies)), result%count(size(bodies)), source=0_i8)
+    do b = 1, size(bodies)
+      call check_body(bodies(b), b, dim, error)
+    end do
+    if (allocated(error)) return
+    do pass = 1, 2 ! count, then fill
+      n = 0
+      do b = 1, size(bodies)
+        if (bodies(b)%subtract .or. bodies(b)%shape%kind == shape_none) cycle
+        result%first(b) = n + 1
+        call list_rivals(bodies, b, dim, rivals)
+        outside = 0
+        if (bodies(b)%polar) then
+          call fill_polar(bodies, b, rivals, lower, lower + spacing*cells, pass == 2, result, n, outside)
+        else
+          call lay_lattice(bodies(b), dim, lower, spacing, cells, lattice)
+          call fill_lattice(bodies, b, rivals, lattice, pass == 2, result, n, outside)
+        end if
+        result%count(b) = n - result%first(b) + 1
+        if (pass == 1) call check_count(bodies(b), b, dim, result%count(b), lower, lower + spacing*cells, outside, error)
+      end do
+      if (allocated(error)) return
+      result%n = n
+      if (pass == 1) allocate (result%position(dim, n), result%volume(n), result%half_length(dim, n), result%body(n), &
+        result%faces(n))
+    end do
+  end subroutine fill_bodies
+
+  !> The grid points near a body, with one layer outside the box where the body may reach it
+  pure subroutine lay_lattice(body, dim, lower, spacing, cells, lattice)
+    type(fill_body_t), intent(in) :: body
+    integer, intent(in) :: dim, cells(3)
+    real(wp), intent(in) :: lower(3), spacing
+    type(lattice_t), intent(out) :: lattice
+    real(wp) :: low(3), high(3), step
+    integer :: d
+    call shape_bounds(body%shape, dim, low, high)
+    lattice%dim = dim
+    lattice%x = lower
+    lattice%spacing = spacing
+    do d = 1, dim
+      lattice%per_axis(d) = body%particles_per_axis(d)
+      lattice%points(d) = cells(d)*body%particles_per_axis(d)
+      step = spacing/body%particles_per_axis(d)
+      ! clip before dividing: the bounds may be the largest number there is. A point more on each side costs nothing.
+      lattice%first(d) = floor((min(max(low(d), lower(d) - step), lower(d) + spacing*cells(d)) - lower(d))/step)
+      lattice%last(d) = ceiling((max(min(high(d), lower(d) + spacing*cells(d) + step), lower(d)) - lower(d))/step) + 1
+      lattice%first(d) = max(lattice%first(d), merge(1, 0, low(d) <= -unbounded))
+      lattice%last(d) = min(lattice%last(d), lattice%points(d) + merge(0, 1, high(d) >= unbounded))
+    end do
+  end subroutine lay_lattice
+
+  !> Coordinate of a lattice point
+  pure real(wp) function coordinate(lattice, d, i) result(x)
+    type(lattice_t), intent(in) :: lattice
+    integer, intent(in) :: d, i !! axis, number of the point from 1 at the lower end of the grid box
+    integer :: cell
+    cell = (i - 1 + lattice%per_axis(d))/lattice%per_axis(d) - 1 ! rounds down also for the layer outside
+    x = lattice%x(d) + (cell + (i - cell*lattice%per_axis(d) - 0.5_wp)/lattice%per_axis(d))*lattice%spacing
+  end function coordinate
+
+  !> Which points of one plane belong to the body; points outside the grid box only set bits of `outside`
+  pure subroutine ask_plane(bodies, b, rivals, lattice, i, belongs, outside)
+    type(fill_body_t), intent(in) :: bodies(:)
+    integer, intent(in) :: b, rivals(:)
+    type(lattice_t), intent(in) :: lattice
+    integer, intent(in) :: i !! number of the plane
+    logical(1), intent(inout) :: belongs(lattice%first(3) - 1:, lattice%first(2) - 1:) !! false on entry
+    integer, intent(inout) :: outside
+    integer :: at(3), j, k, d
+    real(wp) :: x(3)
+    x = 0.0_wp
+    x(1) = coordinate(lattice, 1, i)
+    do j = lattice%first(2), lattice%last(2)
+      if (lattice%dim > 1) x(2) = coordinate(lattice, 2, j)
+      do k = lattice%first(3), lattice%last(3)
+        if (lattice%dim > 2) x(3) = coordinate(lattice, 3, k)
+        if (.not. owns(bodies, b, rivals, lattice%dim, x)) cycle
+        at = [i, j, k]
+        belongs(k, j) = all(at >= 1 .and. at <= lattice%points)
+        if (belongs(k, j)) cycle
+        do d = 1, lattice%dim
+          if (at(d) < 1) outside = ibset(outside, 2*d - 2)
+          if (at(d) > lattice%points(d)) outside = ibset(outside, 2*d - 1)
+        end do
+      end do
+    end do
+  end subroutine ask_plane
+
+  !> One plane further: the plane here becomes the one before, the one after becomes the one here
+  pure subroutine rotate_planes(before, here, after)
+    logical(1), allocatable, intent(inout) :: before(:, :), here(:, :), after(:, :)
+    logical(1), allocatable :: old(:, :)
+    call move_alloc(before, old)
+    call move_alloc(here, before)
+    call move_alloc(after, here)
+    call move_alloc(old, after)
+  end subroutine rotate_planes
+
+  !> Does the point belong to body b, once the other bodies have had their say?
+  pure logical function owns(bodies, b, rivals, dim, x)
+    type(fill_body_t), intent(in) :: bodies(:)
+    integer, intent(in) :: b, rivals(:), dim
+    real(wp), intent(in) :: x(3)
+    logical :: taken
+    integer :: r, a
+    owns = inside(bodies(b)%shape, dim, x)
+    if (.not. owns) return
+    taken = .false.
+    do r = 1, size(rivals)
+      a = rivals(r)
+      if (bodies(a)%subtract) then
+        if (.not. inside(bodies(a)%shape, dim, x)) cycle
+        taken = .false. ! carved out of the bodies above, so open again
+        owns = a < b
+        if (.not. owns) return
+      else if (.not. taken) then
+        taken = inside(bodies(a)%shape, dim, x)
+      end if
+    end do
+    owns = .not. taken
+  end function owns
+
+  !> Bodies that may own points of body b, in order: those that carve, and those that were there before; each only where its
+  !> box overlaps that of b
+  pure subroutine list_rivals(bodies, b, dim, rivals)
+    type(fill_body_t), intent(in) :: bodies(:)
+    integer, intent(in) :: b, dim
+    integer, allocatable, intent(out) :: rivals(:)
+    real(wp) :: low(3), high(3), other_low(3), other_high(3)
+    integer :: a
+    allocate (rivals(0))
+    call shape_bounds(bodies(b)%shape, dim, low, high)
+    do a = 1, size(bodies)
+      if (a == b .or. bodies(a)%shape%kind == shape_none) cycle
+      if (a > b .and. .not. bodies(a)%subtract) cycle
+      call shape_bounds(bodies(a)%shape, dim, other_low, other_high)
+      if (all(other_low(:dim) <= high(:dim) .and. low(:dim) <= other_high(:dim))) rivals = [rivals, a]
+    end do
+  end subroutine list_rivals
+
+  !> Count or fill the sectors of a ring or disk
+  pure subroutine fill_polar(bodies, b, rivals, lower, upper, fill, result, n, outside)
+    type(fill_body_t), intent(in) :: bodies(:)
+    integer, intent(in) :: b, rivals(:)
+    real(wp), intent(in) :: lower(3), upper(3) !! corners of the grid box [m]
+    logical, intent(in) :: fill
+    type(fill_t), intent(inout) :: result
+    integer(i8), intent(inout) :: n
+    integer, intent(inout) :: outside
+    real(wp) :: inner, outer, r, angle, width, opening, x(3)
+    integer :: i, j, d
+    inner = 0.0_wp
+    outer = bodies(b)%shape%radius
+    if (bodies(b)%shape%kind == shape_ring) then
+      inner = bodies(b)%shape%inner_radius
+      outer = bodies(b)%shape%outer_radius
+    end if
+    width = (outer - inner)/bodies(b)%radial_particles
+    opening = 2.0_wp*pi/bodies(b)%angular_particles
+    x = 0.0_wp
+    do i = 1, bodies(b)%radial_particles
+      r = inner + (i - 0.5_wp)*width
+      do j = 1, bodies(b)%angular_particles
+        angle = (j - 0.5_wp)*opening
+        x(1:2) = bodies(b)%shape%center(1:2) + r*[cos(angle), sin(angle)]
+        if (.not. owns(bodies, b, rivals, 2, x)) cycle
+        do d = 1, 2
+          if (x(d) < lower(d)) outside = ibset(outside, 2*d - 2)
+          if (x(d) > upper(d)) outside = ibset(outside, 2*d - 1)
+        end do
+        n = n + 1
+        if (.not. fill) cycle
+        result%position(:, n) = x(1:2)
+        result%volume(n) = r*width*opening ! (r2^2 - r1^2)/2 dtheta for the mid radius r
+        result%half_length(:, n) = 0.5_wp*sqrt(result%volume(n))
+        result%body(n) = b
+        result%faces(n) = 0
+      end do
+    end do
+  end subroutine fill_polar
+
+  !> What can be said about a body before it is filled
+  pure subroutine check_body(body, b, dim, error)
+    type(fill_body_t), intent(in) :: body
+    integer, intent(in) :: b, dim
+    type(error_t), allocatable, intent(inout) :: error
+    call check_shape(body%shape, dim, title_of(body, b), error)
+    if (body%subtract .or. body%shape%kind == shape_none) return
+    if (.not. body%polar) then
+      if (any(body%particles_per_axis(:dim) < 1)) &
+        call add_error(error, title_of(body, b)//": particles_per_axis must be at least 1")
+      return
+    end if
+    if (dim /= 2 .or. (body%shape%kind /= shape_ring .and. body%shape%kind /= shape_sphere)) &
+      call add_error(error, title_of(body, b)//": fill = 'polar' is for ring and sphere in 2D")
+    if (body%radial_particles < 1 .or. body%angular_particles < 1) call add_error(error, title_of(body, b) &
+      //": fill = 'polar' needs radial_particles and angular_particles, each at least 1")
+  end subroutine check_body
+
+  !> What can only be said after counting: the body must have particles and stay in the grid box
+  pure subroutine check_count(body, b, dim, count, lower, upper, outside, error)
+    type(fill_body_t), intent(in) :: body
+    integer, intent(in) :: b, dim
+    integer(i8), intent(in) :: count
+    real(wp), intent(in) :: lower(3), upper(3) !! corners of the grid box [m]
+    integer, intent(in) :: outside
+    type(error_t), allocatable, intent(inout) :: error
+    character(len=:), allocatable :: sides
+    real(wp) :: low(3), high(3)
+    integer :: k
+    call shape_bounds(body%shape, dim, low, high)
+    if (any(low(:dim) >= upper(:dim) .or. high(:dim) <= lower(:dim))) then
+      call add_error(error, title_of(body, b)//": lies outside the grid box; move it or enlarge &grid")
+    else if (outside /= 0) then
+      sides = ""
+      do k = 0, 5
+        if (btest(outside, k)) sides = sides//" "//trim(side_names(k))
+      end do
+      call add_error(error, title_of(body, b)//": reaches beyond the grid box at"//sides//"; move it or enlarge &grid")
+    else if (count == 0) then
+      call add_error(error, title_of(body, b)//": no particle centre lies inside; it must be larger than the particle " &
+        //"spacing and not wholly taken or carved away by other bodies")
+    end if
+  end subroutine check_count
+
+  !> How messages name a body
+  pure function title_of(body, b) result(title)
+    type(fill_body_t), intent(in) :: body
+    integer, intent(in) :: b
+    character(len=:), allocatable :: title
+    title = "&body "//text_of(b)//" '"//trim(body%name)//"'"
+  end function title_of
+
+  !> Count or fill the lattice points of a body, plane by plane along the first axis; three planes are kept, so that the
+  !> neighbours of a point are known and every point is asked once
+  subroutine fill_lattice(bodies, b, rivals, lattice, fill, result, n, outside)
+    type(fill_body_t), intent(in) :: bodies(:)
+    integer, intent(in) :: b !! the body
+    integer, intent(in) :: rivals(:) !! bodies that may own some of its points
+    type(lattice_t), intent(in) :: lattice
+    logical, intent(in) :: fill !! store the particles, not only count them
+    type(fill_t), intent(inout) :: result
+    integer(i8), intent(inout) :: n !! particles so far
+    integer, intent(inout) :: outside !! bit mask of the sides where the body sticks out of the grid box
+    logical(1), allocatable :: before(:, :), here(:, :), after(:, :) !! (last axis, second axis), with a rim of nothing
+    integer :: i, j, k, faces
+    real(wp) :: volume, half(3)
+
+    if (any(lattice%last < lattice%first)) return
+    half = 0.5_wp*lattice%spacing/lattice%per_axis
+    volume = product(2.0_wp*half(:lattice%dim))
+    allocate (before(lattice%first(3) - 1:lattice%last(3) + 1, lattice%first(2) - 1:lattice%last(2) + 1), source=.false._1)
+    here = before
+    after = before
+    call ask_plane(bodies, b, rivals, lattice, lattice%first(1), here, outside)
+    do i = lattice%first(1), lattice%last(1)
+      after = .false.
+      if (i < lattice%last(1)) call ask_plane(bodies, b, rivals, lattice, i + 1, after, outside)
+      do j = lattice%first(2), lattice%last(2)
+        do k = lattice%first(3), lattice%last(3)
+          if (.not. here(k, j)) cycle
+          n = n + 1
+          if (.not. fill) cycle
+          faces = 0
+          if (.not. before(k, j)) faces = ibset(faces, face_x_low)
+          if (.not. after(k, j)) faces = ibset(faces, face_x_high)
+          if (lattice%dim > 1 .and. .not. here(k, j - 1)) faces = ibset(faces, face_y_low)
+          if (lattice%dim > 1 .and. .not. here(k, j + 1)) faces = ibset(faces, face_y_high)
+          if (lattice%dim > 2 .and. .not. here(k - 1, j)) faces = ibset(faces, face_z_low)
+          if (lattice%dim > 2 .and. .not. here(k + 1, j)) faces = ibset(faces, face_z_high)
+          result%faces(n) = faces
+          result%body(n) = b
+          result%volume(n) = volume
+          result%half_length(:, n) = half(:lattice%dim)
+          result%position(1, n) = coordinate(lattice, 1, i)
+          if (lattice%dim > 1) result%position(2, n) = coordinate(lattice, 2, j)
+          if (lattice%dim > 2) result%position(3, n) = coordinate(lattice, 3, k)
+        end do
+      end do
+      call rotate_planes(before, here, after)
+    end do
+  end subroutine fill_lattice
+
+end module gimp_fill

@@ -1,0 +1,113 @@
+!> The particles of one rank: chunks of eight lanes, arrays of structures of arrays.
+!>
+!> Order: block, material, cell, id. Each (block, material) group starts a new chunk; spare lanes have no mass. Positions are
+!> relative to the particle's block, in units of the spacing, so that they keep their precision far from the origin and
+!> every kernel sees the same cell. One list of fields says what this scene stores; sorting, checks and output walk it.
+module gimp_particles
+  use gimp_kinds, only: wp, i8, lanes
+  use gimp_storage, only: storage_t, reserve_storage, free_storage
+  use, intrinsic :: iso_c_binding, only: c_f_pointer
+  implicit none(type, external)
+  private
+  public :: particles_t, field_t, group_t, add_field, field_named, allot_chunks, swap_chunks, live_bytes
+
+  !> A named quantity and where its components sit in a chunk
+  type :: field_t
+    character(len=24) :: name = ""
+    integer :: first = 0 !! index of its first component; 0: not stored in this scene
+    integer :: components = 0
+  end type field_t
+
+  !> Consecutive chunks of one block and one material
+  type :: group_t
+    integer :: block = 0
+    integer :: material = 0
+    integer :: first = 1 !! first chunk
+    integer :: last = 0 !! last chunk
+    integer :: at(3) = 0 !! block coordinates that positions refer to
+  end type group_t
+
+  !> Particles in chunks of `lanes`; a chunk never spans two groups, spare lanes have zero mass
+  type :: particles_t
+    integer :: dim = 0
+    integer(i8) :: n = 0 !! live particles
+    integer :: chunks = 0
+    integer :: components = 0 !! of all fields together
+    type(field_t), allocatable :: fields(:) !! what this scene stores: the one list all else walks
+    type(field_t) :: position, velocity, deformation, mass, volume !! always stored, in this order
+    type(field_t) :: half_length !! initial half lengths in cells, when they differ between particles
+    type(field_t) :: domain !! present half lengths in cells (cpgimp)
+    type(field_t) :: reference !! position at the start [m]
+    type(field_t) :: force !! external force on the particle [N]
+    type(field_t) :: faces !! bit mask of loaded faces, as a whole number
+    type(field_t) :: state !! history of the material
+    real(wp), pointer, contiguous :: p(:, :, :) => null() !! (lane, component, chunk)
+    real(wp), pointer, contiguous :: spare(:, :, :) => null() !! target of the next sort
+    integer(i8), pointer, contiguous :: id(:, :) => null() !! (lane, chunk) global number, kept for life; 0: spare lane
+    integer(i8), pointer, contiguous :: spare_id(:, :) => null()
+    type(group_t), allocatable :: groups(:)
+    integer, allocatable :: block_group(:) !! (blocks + 1) first group of each block
+    real(wp) :: uniform_half(3) = 0.0_wp !! initial half lengths in cells, when all particles share them
+    type(storage_t), private :: store(2), id_store(2)
+    integer, private :: current = 1
+  end type particles_t
+
+contains
+
+  !> Announce a quantity; done once, while the scene is set up
+  subroutine add_field(self, name, components, field)
+    type(particles_t), intent(inout) :: self
+    character(len=*), intent(in) :: name
+    integer, intent(in) :: components
+    type(field_t), intent(out) :: field !! keep it: it says where the quantity lives
+    if (.not. allocated(self%fields)) allocate (self%fields(0))
+    field = field_t(name, self%components + 1, components)
+    self%fields = [self%fields, field]
+    self%components = self%components + components
+  end subroutine add_field
+
+  !> The field of that name; `first` is 0 when the scene does not store it
+  pure type(field_t) function field_named(self, name) result(field)
+    type(particles_t), intent(in) :: self
+    character(len=*), intent(in) :: name
+    integer :: k
+    do k = 1, size(self%fields)
+      if (self%fields(k)%name == name) field = self%fields(k)
+    end do
+  end function field_named
+
+  !> Room for `chunks` chunks in the spare store, which `swap_chunks` then makes the current one
+  subroutine allot_chunks(self, chunks)
+    type(particles_t), intent(inout) :: self
+    integer, intent(in) :: chunks
+    integer :: other
+    logical :: moved
+    other = 3 - self%current
+    call reserve_storage(self%store(other), int(lanes, i8)*self%components*max(1, chunks), moved)
+    call c_f_pointer(self%store(other)%address, self%spare, [lanes, self%components, chunks])
+    call reserve_storage(self%id_store(other), int(lanes, i8)*max(1, chunks)*(storage_size(1_i8)/storage_size(1.0_wp)), moved)
+    call c_f_pointer(self%id_store(other)%address, self%spare_id, [lanes, chunks])
+  end subroutine allot_chunks
+
+  !> The spare store becomes the current one
+  subroutine swap_chunks(self)
+    type(particles_t), intent(inout) :: self
+    real(wp), pointer, contiguous :: p(:, :, :)
+    integer(i8), pointer, contiguous :: id(:, :)
+    p => self%p
+    self%p => self%spare
+    self%spare => p
+    id => self%id
+    self%id => self%spare_id
+    self%spare_id => id
+    self%current = 3 - self%current
+    self%chunks = size(self%p, 3)
+  end subroutine swap_chunks
+
+  !> Bytes of state that one particle needs (its fields and its number)
+  pure integer function live_bytes(self)
+    type(particles_t), intent(in) :: self
+    live_bytes = self%components*(storage_size(1.0_wp)/8) + storage_size(1_i8)/8
+  end function live_bytes
+
+end module gimp_particles

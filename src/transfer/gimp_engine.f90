@@ -1,0 +1,147 @@
+!> What the transfers work on: grid, blocks, particles, pads and materials of one run, and what one pass over them does.
+module gimp_engine
+  use gimp_kinds, only: wp, dp, i8, lanes
+  use gimp_grid, only: grid_t, nodes_per_block, fields_per_node
+  use gimp_blocks, only: block_table_t
+  use gimp_images, only: image_t
+  use gimp_particles, only: particles_t
+  use gimp_basis, only: basis_linear, support_width
+  use gimp_material, only: material_t
+  use gimp_storage, only: storage_t, reserve_storage
+  use, intrinsic :: iso_c_binding, only: c_f_pointer
+  implicit none(type, external)
+  private
+  public :: engine_t, law_t, pass_t, spill_t, body_force_t, allot_grid, pad_nodes, pad_edge, drift
+  public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, n_sums
+  public :: peak_rate, peak_speed, peak_strain, n_peaks
+  public :: fate_fine, fate_inverted, fate_outside, fate_lost, fate_jumped
+
+  integer, parameter :: drift = 1 !! cells that a particle may stray from its block before it must be sorted
+
+  !> Sums of a block over one pass, added in block order afterwards
+  integer, parameter :: sum_kinetic = 1, sum_external = 2, sum_plastic = 3, sum_clamped = 4, sum_wide = 5, n_sums = 5
+  !> Largest values of a block over one pass
+  integer, parameter :: peak_rate = 1 !! wave speed plus particle speed [m/s]
+  integer, parameter :: peak_speed = 2 !! particle speed [m/s]
+  integer, parameter :: peak_strain = 3 !! norm of the velocity gradient [1/s]
+  integer, parameter :: n_peaks = 3
+  !> What became of the worst particle of a block
+  integer, parameter :: fate_fine = 0, fate_inverted = 1, fate_outside = 2, fate_lost = 3, fate_jumped = 4
+
+  !> A constitutive law of any kind
+  type :: law_t
+    class(material_t), allocatable :: law
+  end type law_t
+
+  !> A force per mass that depends on the reference position of a particle and on time
+  type, abstract :: body_force_t
+  contains
+    procedure(evaluate_i), deferred :: evaluate
+  end type body_force_t
+
+  abstract interface
+    !> Body force of the lanes of a chunk
+    pure subroutine evaluate_i(self, t, x, b)
+      import :: body_force_t, wp, lanes
+      implicit none(type, external)
+      class(body_force_t), intent(in) :: self
+      real(wp), intent(in) :: t !! time [s]
+      real(wp), intent(in) :: x(lanes, 3) !! reference position [m]
+      real(wp), intent(out) :: b(lanes, 3) !! [m/s2]
+    end subroutine evaluate_i
+  end interface
+
+  !> What particles give to nodes beyond the pad of their block, in the order of blocks
+  type :: spill_t
+    integer :: n = 0
+    integer, allocatable :: slot(:), place(:)
+    real(wp), allocatable :: value(:, :) !! (field, entry)
+  end type spill_t
+
+  !> One pass over the particles. What is taken from the grid (fields 1-3: a velocity, 5-7: its change in the step) comes
+  !> first, what is given to it (momentum, mass, force, energy) second.
+  type :: pass_t
+    logical :: velocity = .false. !! v' = S v+ + q (v - S v)
+    logical :: position = .false. !! x' = x + dt S v+
+    logical :: strain = .false. !! L = grad of fields 1-3; F and the state of the material follow
+    logical :: moved_by_second = .false. !! S v+ for the position stands in fields 5-7 (second pass of MUSL)
+    logical :: momentum = .false. !! give mass, momentum and kinetic energy
+    logical :: force = .false. !! give internal and body forces
+    logical :: old_weights = .false. !! give with the weights of the take
+    real(wp) :: dt = 0.0_wp !! step of positions [s]
+    real(wp) :: dt_strain = 0.0_wp !! step of strains [s]
+    real(wp) :: kick = 0.0_wp !! step of velocities [s]: the half-step start and changing steps make it differ
+    real(wp) :: flip = 1.0_wp !! q: 1 FLIP, 0 PIC
+    real(wp) :: time = 0.0_wp !! at which given forces act [s]
+  end type pass_t
+
+  !> All that a run steps forward
+  type :: engine_t
+    type(grid_t) :: grid
+    type(block_table_t) :: table
+    type(image_t), allocatable :: images(:)
+    type(particles_t) :: particles
+    type(law_t), allocatable :: laws(:) !! by material
+    class(body_force_t), allocatable :: body_force
+    integer :: basis = basis_linear
+    integer :: domain_rule = 0
+    integer :: f_update = 1 !! 1 Cayley, 2 forward, 3 exponential
+    logical :: list_kernel = .false. !! walk weight lists everywhere
+    real(wp), pointer, contiguous :: g(:, :, :) => null() !! (field, node of block, slot)
+    real(wp), pointer, contiguous :: pad(:, :, :) => null() !! (field, node of pad, block)
+    logical, allocatable :: drifted(:) !! (block) the outer layer of its pad is in use
+    type(spill_t) :: spill
+    real(dp), allocatable :: sums(:, :) !! (n_sums, block)
+    real(wp), allocatable :: peaks(:, :) !! (n_peaks, block)
+    integer, allocatable :: fate(:, :) !! (3, block): what, chunk, lane
+    logical, allocatable :: restless(:) !! (block) a particle nears the end of the pad: sort soon
+    real(wp) :: allowed_low(3) = -huge(1.0_wp), allowed_high(3) = huge(1.0_wp) !! particles must stay between [cells]
+    type(storage_t), private :: pad_store, grid_store
+  end type engine_t
+
+contains
+
+  !> Nodes along each axis of the pad of a block: its own, the support beyond, and one cell of drift on both sides
+  pure function pad_edge(dim, basis) result(n)
+    integer, intent(in) :: dim, basis
+    integer :: n(3)
+    type(grid_t) :: grid
+    n = 1
+    select case (dim)
+    case (1); n(1) = 64 + support_width(basis) - 1 + 2*drift
+    case (2); n(1:2) = 8 + support_width(basis) - 1 + 2*drift
+    case (3); n = 4 + support_width(basis) - 1 + 2*drift
+    end select
+  end function pad_edge
+
+  !> Nodes of a pad
+  pure integer function pad_nodes(dim, basis)
+    integer, intent(in) :: dim, basis
+    pad_nodes = product(pad_edge(dim, basis))
+  end function pad_nodes
+
+  !> Room for the grid and the pads of the blocks that are active now
+  subroutine allot_grid(engine)
+    type(engine_t), intent(inout) :: engine
+    integer :: n
+    logical :: moved
+    associate (table => engine%table)
+      n = pad_nodes(engine%grid%dim, engine%basis)
+      call reserve_storage(engine%pad_store, int(fields_per_node, i8)*n*max(1, table%blocks), moved)
+      call c_f_pointer(engine%pad_store%address, engine%pad, [fields_per_node, n, table%blocks])
+      call reserve_storage(engine%grid_store, int(fields_per_node, i8)*nodes_per_block*max(1, table%slots), moved)
+      call c_f_pointer(engine%grid_store%address, engine%g, [fields_per_node, nodes_per_block, table%slots])
+      if (allocated(engine%drifted)) deallocate (engine%drifted, engine%sums, engine%peaks, engine%fate, engine%restless)
+      allocate (engine%drifted(table%blocks), source=.true.)
+      allocate (engine%restless(table%blocks), source=.false.)
+      allocate (engine%sums(n_sums, table%blocks), source=0.0_dp)
+      allocate (engine%peaks(n_peaks, table%blocks), source=0.0_wp)
+      allocate (engine%fate(3, table%blocks), source=0)
+    end associate
+    engine%spill%n = 0
+    if (.not. allocated(engine%spill%slot)) then
+      allocate (engine%spill%slot(64), engine%spill%place(64), engine%spill%value(fields_per_node, 64))
+    end if
+  end subroutine allot_grid
+
+end module gimp_engine

@@ -1,0 +1,1 @@
+gimp_add_unit_test(core test_tensor)

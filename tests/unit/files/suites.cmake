@@ -1,0 +1,4 @@
+gimp_add_unit_test(files test_file_system)
+gimp_add_unit_test(files test_hdf5)
+gimp_add_unit_test(files test_append_file)
+gimp_add_unit_test(files test_particle_file)

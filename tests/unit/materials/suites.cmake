@@ -1,0 +1,4 @@
+gimp_add_unit_test(materials test_elastic)
+gimp_add_unit_test(materials test_hypoelastic)
+gimp_add_unit_test(materials test_plastic)
+gimp_add_unit_test(materials test_material_table)

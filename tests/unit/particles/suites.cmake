@@ -1,0 +1,2 @@
+gimp_add_unit_test(particles test_shapes)
+gimp_add_unit_test(particles test_fill)

@@ -1,0 +1,7 @@
+gimp_add_unit_test(scene test_scene_values)
+gimp_add_unit_test(scene test_scene_text)
+gimp_add_unit_test(scene test_scene_table)
+gimp_add_unit_test(scene test_scene_getters)
+gimp_add_unit_test(scene test_scene_mistakes)
+gimp_add_unit_test(scene test_scene_echo)
+gimp_add_unit_test(scene test_scene_help)

@@ -1,0 +1,2 @@
+gimp_add_unit_test(verification test_verification)
+gimp_add_unit_test(verification test_exact_solutions)
