@@ -26,35 +26,16 @@ module gimp_append_file
   use gimp_text, only: text_of
   use gimp_file_system, only: raw_file_t, create_raw_file, write_at, resize_raw_file, sync_raw_file, close_raw_file, &
     file_exists, rename_file, delete_file
-  use gimp_hdf5_format, only: bytes_t, clear_bytes, put_bytes, put_integer, stored_real32, stored_real64, stored_int64, &
-    stored_text, element_bytes, undefined_address, superblock_bytes, superblock, put_object, put_group_messages, put_link, &
-    put_chunked_messages, put_text_messages, put_attribute, node_width, put_tree_node, tree_node_bytes
+  use gimp_hdf5_format, only: bytes_t, stored_real32, stored_real64, stored_int64, stored_text, undefined_address, &
+    superblock_bytes, superblock, node_width
+  use gimp_append_index, only: object_t, attribute_t, a_group, a_table, a_text, row_bytes, put_leaf, describe
   implicit none(type, external)
   private
   public :: append_file_t, create_append_file, commit_append_file, close_append_file
   public :: make_group, make_table, append_rows, put_text, set_attribute
-  public :: table_rows, find_object, object_name, stored_real32, stored_real64, stored_int64
+  public :: table_rows, find_object, stored_real32, stored_real64, stored_int64
 
-  integer, parameter :: a_group = 1, a_table = 2, a_text = 3
   integer(i8), parameter :: largest_chunk = 2_i8**28 !! bytes; the format ends at 2^32
-
-  type :: attribute_t
-    character(len=:), allocatable :: name, values
-    integer :: stored = 0, length = 0
-  end type attribute_t
-
-  type :: object_t
-    character(len=:), allocatable :: name
-    integer :: parent = 0, kind = 0
-    integer :: attributes = 0
-    type(attribute_t), allocatable :: attribute(:)
-    integer :: stored = 0, rank = 0, components = 0 ! of a table
-    integer(i8) :: chunk_rows = 0, rows = 0
-    integer(i8) :: chunks = 0, leaves = 0
-    integer(i8), allocatable :: chunk(:), leaf(:) ! addresses
-    integer(i8) :: address = 0 ! of a text
-    integer :: length = 0
-  end type object_t
 
   !> An open file; the objects in it are known by number, 1 is the root group
   type :: append_file_t
@@ -124,12 +105,12 @@ contains
     call check_usable(file, error)
     if (allocated(error)) return
     slot = 3 - file%active
-    call describe(file, 0_i8, description, root) ! only to learn its size
+    call describe(file%object(:file%objects), 0_i8, description, root) ! only to learn its size
     if (description%n > file%room(slot)) then
-      file%room(slot) = 2_i8*description%n
+      file%room(slot) = description%n + description%n/8 ! it hardly grows once every table has rows
       call take_room(file, file%room(slot), file%area(slot))
     end if
-    call describe(file, file%area(slot), description, root)
+    call describe(file%object(:file%objects), file%area(slot), description, root)
     call put_on_disk(file, file%area(slot), description%data(:description%n), error)
     if (.not. allocated(error) .and. file%used > file%reserved) then
       call resize_raw_file(file%raw, file%used, error) ! readers refuse a file shorter than its superblock says
@@ -140,7 +121,10 @@ contains
     if (.not. allocated(error) .and. file%durable) call sync_raw_file(file%raw, error)
     if (.not. allocated(error) .and. allocated(file%first_name)) then
       call rename_file(file%first_name, file%path, error)
-      if (.not. allocated(error)) deallocate (file%first_name)
+      if (.not. allocated(error)) then
+        deallocate (file%first_name)
+        file%raw%path = file%path
+      end if
     end if
     if (allocated(error)) then
       file%failure = error%message
@@ -204,13 +188,6 @@ contains
     integer, intent(in) :: table
     table_rows = file%object(table)%rows
   end function table_rows
-
-  pure function object_name(file, number) result(name)
-    type(append_file_t), intent(in) :: file
-    integer, intent(in) :: number
-    character(len=:), allocatable :: name
-    name = file%object(number)%name
-  end function object_name
 
   !> Number of the object at a path, 1 for the root (empty path), 0 if there is none
   pure integer function find_object(file, path) result(number)
@@ -374,99 +351,6 @@ contains
     call put_on_disk(file, address, node%data(:node%n), error)
   end subroutine write_full_leaf
 
-  !> A leaf with the chunks after the first `first`, at most as many as fit
-  pure subroutine put_leaf(bytes, o, first, left)
-    type(bytes_t), intent(inout) :: bytes
-    type(object_t), intent(in) :: o
-    integer(i8), intent(in) :: first, left
-    integer(i8) :: rows(node_width), k
-    integer :: n
-    n = int(min(int(node_width, i8), o%chunks - first))
-    rows = [(o%chunk_rows*(first + k), k=0, node_width - 1)]
-    call put_tree_node(bytes, 0, o%rank, rows(:n), o%chunk_rows*(first + n), o%chunk_rows*row_bytes(o), &
-      o%chunk(first + 1:first + n), left, undefined_address)
-  end subroutine put_leaf
-
-  !> Everything a reader needs, as bytes that will stand at address `base`
-  subroutine describe(file, base, bytes, root)
-    type(append_file_t), intent(in) :: file
-    integer(i8), intent(in) :: base
-    type(bytes_t), intent(inout) :: bytes
-    integer(i8), intent(out) :: root !! address of the root group
-    type(bytes_t) :: messages
-    integer(i8) :: address(file%objects), tree
-    integer :: i, j
-    call clear_bytes(bytes)
-    address = undefined_address
-    do i = file%objects, 1, -1 ! what is in a group was made after it
-      call clear_bytes(messages)
-      associate (o => file%object(i))
-        select case (o%kind)
-        case (a_group)
-          call put_group_messages(messages)
-          do j = i + 1, file%objects
-            if (file%object(j)%parent == i) call put_link(messages, file%object(j)%name, address(j))
-          end do
-        case (a_table)
-          call put_tree(bytes, base, o, tree)
-          call put_chunked_messages(messages, o%stored, o%rows, o%components, o%rank, o%chunk_rows, tree)
-        case (a_text)
-          call put_text_messages(messages, o%length, o%address)
-        end select
-        do j = 1, o%attributes
-          call put_attribute(messages, o%attribute(j)%name, o%attribute(j)%stored, o%attribute(j)%length, &
-            o%attribute(j)%values)
-        end do
-      end associate
-      address(i) = base + bytes%n
-      call put_object(bytes, messages)
-    end do
-    root = address(1)
-  end subroutine describe
-
-  !> The part of a table's index that changes: its last leaf and all above the leaves
-  subroutine put_tree(bytes, base, o, root)
-    type(bytes_t), intent(inout) :: bytes
-    integer(i8), intent(in) :: base
-    type(object_t), intent(in) :: o
-    integer(i8), intent(out) :: root
-    integer(i8), allocatable :: child(:), first_row(:), parent(:), parent_row(:)
-    integer(i8) :: k, n, last, left, right, node_bytes, end_row
-    integer :: level
-
-    root = undefined_address
-    if (o%chunks == 0) return
-    node_bytes = tree_node_bytes(o%rank)
-    child = o%leaf(:o%leaves)
-    if (mod(o%chunks, int(node_width, i8)) /= 0) then
-      left = undefined_address
-      if (o%leaves > 0) left = o%leaf(o%leaves)
-      child = [child, base + bytes%n]
-      call put_leaf(bytes, o, o%leaves*node_width, left)
-    end if
-    first_row = [(o%chunk_rows*node_width*(k - 1), k=1, size(child, kind=i8))]
-    level = 0
-    do while (size(child) > 1)
-      level = level + 1
-      n = (size(child, kind=i8) + node_width - 1)/node_width
-      allocate (parent(n), parent_row(n))
-      do k = 1, n
-        last = min(k*node_width, size(child, kind=i8))
-        end_row = o%chunk_rows*o%chunks
-        if (last < size(child)) end_row = first_row(last + 1)
-        parent(k) = base + bytes%n
-        parent_row(k) = first_row((k - 1)*node_width + 1)
-        left = merge(undefined_address, parent(k) - node_bytes, k == 1)
-        right = merge(undefined_address, parent(k) + node_bytes, k == n)
-        call put_tree_node(bytes, level, o%rank, first_row((k - 1)*node_width + 1:last), end_row, &
-          o%chunk_rows*row_bytes(o), child((k - 1)*node_width + 1:last), left, right)
-      end do
-      call move_alloc(parent, child)
-      call move_alloc(parent_row, first_row)
-    end do
-    root = child(1)
-  end subroutine put_tree
-
   subroutine set_real(file, path, name, value, error)
     type(append_file_t), intent(inout) :: file
     character(len=*), intent(in) :: path, name
@@ -603,11 +487,6 @@ contains
       end if
     end associate
   end subroutine check_table
-
-  pure integer(i8) function row_bytes(o)
-    type(object_t), intent(in) :: o
-    row_bytes = int(o%components, i8)*element_bytes(o%stored)
-  end function row_bytes
 
   !> Give away the next bytes of the file, at a multiple of eight
   pure subroutine take_room(file, bytes, address)

@@ -174,7 +174,7 @@ contains
     integer(i8), intent(in) :: bytes
     type(error_t), allocatable, intent(out) :: error
     if (c_ftruncate(file%descriptor, int(bytes, c_int64_t)) == 0) return
-    call raise(error, file%path//": cannot be given a length of "//text_of(bytes)//" bytes")
+    call raise(error, file%path//": cannot be given a length of "//text_of(bytes)//" bytes; is the disk full?")
   end subroutine resize_raw_file
 
   !> Wait until everything written so far is on the device

@@ -8,7 +8,7 @@ module gimp_books
   use gimp_kinds, only: dp, i8
   implicit none(type, external)
   private
-  public :: books_t, close_step, energy_residual, energy_drift, stress_update_error, total_energy
+  public :: books_t, close_step, energy_residual, energy_drift, stress_update_error, total_energy, momentum_residual
 
   !> Sums since the start, in joule (per metre in 2D, per square metre in 1D)
   type :: books_t
@@ -34,6 +34,10 @@ module gimp_books
     integer(i8) :: lost_loads = 0 !! load points on inactive nodes
     integer(i8) :: removed_particles = 0
     integer(i8) :: sorts = 0
+    real(dp) :: momentum_start(3) = 0.0_dp !! [kg m/s]
+    real(dp) :: impulse(3) = 0.0_dp !! of everything from outside since the start [kg m/s]
+    real(dp) :: momentum_scale = tiny(1.0_dp) !! largest sqrt(2 E_k M) [kg m/s]
+    real(dp) :: mass = 0.0_dp !! [kg]
     real(dp) :: reaction(3) = 0.0_dp !! force of the sides on the material in the last step [N]
     ! of the step in hand
     real(dp) :: grid_before = 0.0_dp, grid_after = 0.0_dp, given = 0.0_dp, work_forces = 0.0_dp, work_gravity = 0.0_dp
@@ -59,6 +63,7 @@ contains
     books%reactions = books%reactions + books%work_walls + books%work_pushed
     books%damping = books%damping - books%work_damping
     books%kinetic = kinetic
+    books%momentum_scale = max(books%momentum_scale, sqrt(2.0_dp*max(kinetic, books%grid_after)*books%mass))
     books%largest = max(books%largest, kinetic, abs(books%internal), abs(books%loads), books%given, abs(books%reactions))
   end subroutine close_step
 
@@ -67,6 +72,13 @@ contains
     type(books_t), intent(in) :: books
     energy_residual = abs(books%residual)/books%largest
   end function energy_residual
+
+  !> Momentum that nobody gave, as a share of the largest sqrt(2 E_k M)
+  pure real(dp) function momentum_residual(books, momentum)
+    type(books_t), intent(in) :: books
+    real(dp), intent(in) :: momentum(3) !! now [kg m/s]
+    momentum_residual = sqrt(sum((momentum - books%momentum_start - books%impulse)**2))/books%momentum_scale
+  end function momentum_residual
 
   !> Kinetic + stored + dissipated - external work [J]: constant in an exact solution
   pure real(dp) function total_energy(books)

@@ -10,7 +10,7 @@ module gimp_nodes
   private
   public :: update_nodes, node_step_t, stage_full, stage_velocity, stage_kick, stage_project
   public :: n_node_sums, book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_cut, &
-    book_cut_momentum, book_reaction, book_pushed
+    book_cut_momentum, book_reaction, book_pushed, book_impulse
 
   integer, parameter :: stage_full = 1 !! velocity from momentum, then the kick by the forces
   integer, parameter :: stage_velocity = 2 !! velocity from momentum only
@@ -20,7 +20,8 @@ module gimp_nodes
   integer, parameter :: book_before = 1, book_after = 2, book_given = 3, book_forces = 4, book_gravity = 5, book_walls = 6, &
     book_damping = 7, book_cut = 8, book_cut_momentum = 9, book_reaction = 10 !! 10-12: impulse of the sides
   integer, parameter :: book_pushed = 13 !! work of moving sides on the velocity before the kick
-  integer, parameter :: n_node_sums = 13
+  integer, parameter :: book_impulse = 14 !! 14-16: impulse of gravity and damping
+  integer, parameter :: n_node_sums = 16
 
   !> What the update of this step needs to know
   type :: node_step_t
@@ -161,7 +162,7 @@ contains
     real(wp), intent(in) :: m(n), v(n, 3), raw(nf, n)
     real(wp), intent(out) :: w(n, 3)
     real(dp), intent(inout) :: sums(n_node_sums)
-    real(wp) :: f, total, damped, work_f, work_g, work_d, r(n), kick, mean, gravity, damping
+    real(wp) :: f, total, damped, work_f, work_g, work_d, pushed, r(n), kick, mean, gravity, damping
     integer :: i, k
     kick = step%kick
     damping = step%damping
@@ -174,8 +175,9 @@ contains
       work_f = 0.0_wp
       work_g = 0.0_wp
       work_d = 0.0_wp
+      pushed = 0.0_wp
       gravity = step%gravity(k)
-      !$omp simd private(f, total, damped, mean) reduction(+:work_f, work_g, work_d)
+      !$omp simd private(f, total, damped, mean) reduction(+:work_f, work_g, work_d, pushed)
       do i = 1, n
         f = merge(raw(4 + k, i), 0.0_wp, m(i) > 0.0_wp)
         total = f + m(i)*gravity
@@ -185,10 +187,12 @@ contains
         work_f = work_f + kick*f*mean
         work_g = work_g + kick*m(i)*gravity*mean
         work_d = work_d - kick*damped*mean
+        pushed = pushed + kick*(m(i)*gravity - damped)
       end do
       sums(book_forces) = sums(book_forces) + real(work_f, dp)
       sums(book_gravity) = sums(book_gravity) + real(work_g, dp)
       sums(book_damping) = sums(book_damping) + real(work_d, dp)
+      sums(book_impulse + k - 1) = sums(book_impulse + k - 1) + real(pushed, dp)
     end do
   end subroutine kick_nodes
 

@@ -99,8 +99,26 @@ contains
     if (allocated(error)) return
     s%books%kinetic = sum(s%engine%sums(sum_kinetic, :))
     s%books%kinetic_start = s%books%kinetic
+    s%books%momentum_start = momentum_of(s)
+    s%books%mass = sum(real(s%engine%particles%p(:, s%engine%particles%mass%first, :), dp))
+    s%books%largest = max(s%books%largest, s%books%kinetic)
+    s%books%momentum_scale = max(s%books%momentum_scale, sqrt(2.0_dp*s%books%kinetic*s%books%mass))
     s%kinetic_peak = s%books%kinetic
   end subroutine start_run
+
+  !> Momentum of all particles [kg m/s], summed by chunk
+  pure function momentum_of(s) result(momentum)
+    type(stepper_t), intent(in) :: s
+    real(dp) :: momentum(3)
+    integer :: c, k
+    momentum = 0.0_dp
+    do c = 1, s%engine%particles%chunks
+      do k = 1, s%engine%grid%dim
+        momentum(k) = momentum(k) + sum(real(s%engine%particles%p(:, s%engine%particles%mass%first, c), dp) &
+                                        *s%engine%particles%p(:, s%engine%particles%velocity%first + k - 1, c))
+      end do
+    end do
+  end function momentum_of
 
   !> Choose the next step; `until` is the time left to the next time of interest
   subroutine plan_step(s, until, error)
@@ -238,6 +256,7 @@ contains
       if (pass%strain) s%strain_rate = sqrt(maxval(engine%peaks(peak_strain, :)))
       s%books%plastic = s%books%plastic + sum(engine%sums(sum_plastic, :))
       s%books%work_external = s%books%work_external + sum(engine%sums(sum_external, :))
+      s%books%impulse = s%books%impulse + sum(engine%sums(sum_impulse:sum_impulse + 2, :), dim=2)
       s%books%clamped = s%books%clamped + nint(sum(engine%sums(sum_clamped, :)), i8)
       s%books%wide_chunks = s%books%wide_chunks + nint(sum(engine%sums(sum_wide, :)), i8)
       s%books%spilled = s%books%spilled + engine%spill%n
@@ -338,6 +357,7 @@ contains
         moving = 0.5_dp*p(lane, particles%mass%first, chunk)*sum(p(lane, v:v + d - 1, chunk)**2)
         s%books%removed = s%books%removed + moving + p(lane, particles%volume%first, chunk)*energy(lane)
         s%removed_kinetic = s%removed_kinetic + moving
+        s%books%impulse(:d) = s%books%impulse(:d) - p(lane, particles%mass%first, chunk)*p(lane, v:v + d - 1, chunk)
       end associate
       s%books%removed_particles = s%books%removed_particles + 1
     end subroutine book_removed
@@ -392,6 +412,7 @@ contains
         end do
         call copy_images(engine%images, table%slots, engine%g)
       end if
+      if (loaded) s%books%impulse = s%books%impulse + kick*sum(s%loads%f(:, :s%loads%n), dim=2)
       if (loaded) s%books%work_external = s%books%work_external + work_of_loads(s%loads, engine, table%slots, engine%g, kick)
     end associate
     call book_stage(s%books, stage, kick, sums)
@@ -410,8 +431,12 @@ contains
       books%cut_nodes = books%cut_nodes + nint(sums(book_cut), kind(books%cut_nodes))
       books%cut_momentum = books%cut_momentum + sums(book_cut_momentum)
       books%reaction = sums(book_reaction:book_reaction + 2)/kick
+      books%impulse = books%impulse + sums(book_reaction:book_reaction + 2)
     end if
-    if (stage == stage_kick) books%reaction = books%reaction + sums(book_reaction:book_reaction + 2)/kick
+    if (stage == stage_kick) then
+      books%reaction = books%reaction + sums(book_reaction:book_reaction + 2)/kick
+      books%impulse = books%impulse + sums(book_reaction:book_reaction + 2)
+    end if
     if (stage == stage_full .or. stage == stage_kick) then
       books%grid_before = sums(book_before)
       books%grid_after = sums(book_after)
@@ -419,6 +444,7 @@ contains
       books%work_gravity = sums(book_gravity)
       books%work_walls = sums(book_walls)
       books%work_damping = sums(book_damping)
+      books%impulse = books%impulse + sums(book_impulse:book_impulse + 2)
     end if
   end subroutine book_stage
 
@@ -433,6 +459,7 @@ contains
       return
     end if
     v = s%engine%particles%velocity%first
+    s%books%impulse = s%books%impulse - momentum_of(s)
     do k = 1, s%engine%grid%dim
       s%engine%particles%p(:, v + k - 1, :) = 0.0_wp
     end do

@@ -37,13 +37,17 @@ contains
     type(error_t), allocatable, intent(out) :: error
     type(drucker_prager_t) :: made
     character(len=32) :: cone
-    real(wp) :: unused, xi
-    call demand_at_least(options, "cohesion", 0.0_wp, error)
+    real(wp) :: unused, xi, cohesion
+    cohesion = 0
+    if (is_set(options, "cohesion")) then
+      cohesion = options%cohesion
+      call demand_at_least(options, "cohesion", 0.0_wp, error)
+    end if
     call demand_within(options, "friction_angle", 0.0_wp, 89.0_wp, error)
     if (is_set(options, "dilation_angle")) &
       call demand_within(options, "dilation_angle", 0.0_wp, max(0.0_wp, options%friction_angle), error)
-    if (options%cohesion == 0.0_wp .and. options%friction_angle == 0.0_wp) &
-      call complain(options, "cohesion", "must be above 0 where friction_angle = 0", error)
+    if (cohesion == 0.0_wp .and. options%friction_angle == 0.0_wp) &
+      call complain(options, "friction_angle", "must be above 0 where cohesion is 0", error)
     cone = options%cone
     if (cone == "") cone = "plane_strain"
     if (.not. (cone == "plane_strain" .or. cone == "outer" .or. cone == "inner")) &
@@ -51,7 +55,7 @@ contains
     if (.not. allocated(error)) then
       call cone_slopes(cone, options%friction_angle, made%eta, xi)
       if (is_set(options, "dilation_angle")) call cone_slopes(cone, options%dilation_angle, made%eta_bar, unused)
-      made%strength = xi*options%cohesion
+      made%strength = xi*cohesion
       made%states = plastic_states
     end if
     allocate (material, source=made)

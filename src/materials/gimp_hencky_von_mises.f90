@@ -8,8 +8,8 @@ module gimp_hencky_von_mises
   use gimp_kinds, only: wp, lanes
   use gimp_error, only: error_t
   use gimp_material, only: material_t
-  use gimp_material_options, only: material_options_t, set_elasticity, need, refuse, demand_above, demand_at_least, &
-    demand_within, complain
+  use gimp_material_options, only: material_options_t, set_elasticity, is_set, need, refuse, demand_above, &
+    demand_at_least, demand_within, complain
   use gimp_tensor, only: natural_log, exponential
   use gimp_log_strain, only: plastic_states, at_plastic_strain, at_stress, starting_strain, trial_strain, keep_state, &
     elastic_energy, wave_bound
@@ -48,13 +48,8 @@ contains
     power = options%hardening == "power"
     if (.not. (linear .or. power .or. options%hardening == "none" .or. options%hardening == "")) &
       call complain(options, "hardening", "must be none, linear or power", error)
-    if (linear) then
-      call need(options, "hardening_modulus", "hardening = 'linear'", error)
-    else
-      call refuse(options, "hardening_modulus", "this hardening", error)
-    end if
+    if (.not. linear) call refuse(options, "hardening_modulus", "this hardening", error)
     if (power) then
-      call need(options, "hardening_exponent", "hardening = 'power'", error)
       call need(options, "hardening_strain", "hardening = 'power'", error)
     else
       call refuse(options, "hardening_exponent", "this hardening", error)
@@ -63,15 +58,18 @@ contains
     if (.not. allocated(error)) then
       made%states = plastic_states
       made%yield_stress = options%yield_stress
-      if (linear) then
+      if (linear .and. is_set(options, "hardening_modulus")) then
         call demand_at_least(options, "hardening_modulus", 0.0_wp, error)
         made%modulus = options%hardening_modulus
       else if (power) then
-        call demand_within(options, "hardening_exponent", 0.0_wp, 1.0_wp, error)
         call demand_above(options, "hardening_strain", 0.0_wp, error)
         made%hardening = power_hardening
-        made%exponent = options%hardening_exponent
         made%strain = options%hardening_strain
+        made%exponent = 1
+        if (is_set(options, "hardening_exponent")) then
+          call demand_within(options, "hardening_exponent", 0.0_wp, 1.0_wp, error)
+          made%exponent = options%hardening_exponent
+        end if
       end if
     end if
     allocate (material, source=made)

@@ -7,6 +7,7 @@ module gimp_material_options
   implicit none(type, external)
   private
   public :: material_options_t, unset, real_keys, word_keys, real_option, word_option, is_set
+  public :: give_real, give_word
   public :: set_elasticity, need, refuse, demand_above, demand_at_least, demand_within, complain
 
   !> A number the scene does not give
@@ -20,16 +21,16 @@ module gimp_material_options
     real(wp) :: young_modulus = unset !! [Pa]
     real(wp) :: poisson_ratio = unset
     real(wp) :: yield_stress = unset !! initial uniaxial yield stress [Pa]
-    real(wp) :: hardening_modulus = unset !! [Pa]
-    real(wp) :: hardening_exponent = unset
+    real(wp) :: hardening_modulus = unset !! [Pa]; default 0
+    real(wp) :: hardening_exponent = unset !! default 1
     real(wp) :: hardening_strain = unset
-    real(wp) :: cohesion = unset !! [Pa]
+    real(wp) :: cohesion = unset !! [Pa]; default 0
     real(wp) :: friction_angle = unset !! [degree]
-    real(wp) :: dilation_angle = unset !! [degree]
-    character(len=32) :: hardening = "" !! none, linear, power
-    character(len=32) :: cone = "" !! plane_strain, outer, inner
-    character(len=32) :: rate = "" !! hughes_winget, jaumann
-    character(len=32) :: rate_form = "" !! symmetric, plain
+    real(wp) :: dilation_angle = unset !! [degree]; default 0
+    character(len=32) :: hardening = "" !! none (default), linear, power
+    character(len=32) :: cone = "" !! plane_strain (default), outer, inner
+    character(len=32) :: rate = "" !! hughes_winget (default), jaumann
+    character(len=32) :: rate_form = "" !! symmetric (default), plain
   end type material_options_t
 
   !> Names of the number keys and of the word keys, for checks that walk them all
@@ -87,6 +88,52 @@ contains
       word = ""
     end select
   end function word_option
+
+  !> Set a number key by name, so that whoever reads a scene can walk `real_keys`
+  pure subroutine give_real(options, key, value)
+    type(material_options_t), intent(inout) :: options
+    character(len=*), intent(in) :: key !! one of `real_keys`
+    real(wp), intent(in) :: value
+    select case (key)
+    case ("density")
+      options%density = value
+    case ("young_modulus")
+      options%young_modulus = value
+    case ("poisson_ratio")
+      options%poisson_ratio = value
+    case ("yield_stress")
+      options%yield_stress = value
+    case ("hardening_modulus")
+      options%hardening_modulus = value
+    case ("hardening_exponent")
+      options%hardening_exponent = value
+    case ("hardening_strain")
+      options%hardening_strain = value
+    case ("cohesion")
+      options%cohesion = value
+    case ("friction_angle")
+      options%friction_angle = value
+    case ("dilation_angle")
+      options%dilation_angle = value
+    end select
+  end subroutine give_real
+
+  !> Set a word key by name, so that whoever reads a scene can walk `word_keys`
+  pure subroutine give_word(options, key, value)
+    type(material_options_t), intent(inout) :: options
+    character(len=*), intent(in) :: key !! one of `word_keys`
+    character(len=*), intent(in) :: value
+    select case (key)
+    case ("hardening")
+      options%hardening = value
+    case ("cone")
+      options%cone = value
+    case ("rate")
+      options%rate = value
+    case ("rate_form")
+      options%rate_form = value
+    end select
+  end subroutine give_word
 
   !> Whether the scene gives a key
   pure logical function is_set(options, key)

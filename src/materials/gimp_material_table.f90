@@ -3,7 +3,7 @@ module gimp_material_table
   use gimp_error, only: error_t, raise
   use gimp_text, only: word_in, nth_word, count_words
   use gimp_material, only: material_t
-  use gimp_material_options, only: material_options_t, real_keys, word_keys, need, refuse, unset
+  use gimp_material_options, only: material_options_t, real_keys, word_keys, give_real, give_word, need, refuse, unset
   use gimp_neo_hookean, only: make_neo_hookean
   use gimp_linear_elastic, only: make_linear_elastic
   use gimp_hencky, only: make_hencky
@@ -11,7 +11,7 @@ module gimp_material_table
   use gimp_drucker_prager, only: make_drucker_prager
   implicit none(type, external)
   private
-  public :: make_material, material_models, material_options_t, unset
+  public :: make_material, material_models, material_options_t, unset, real_keys, word_keys, give_real, give_word
 
   abstract interface
     !> Make a model from the options of a scene; the keys given have been checked against the table
@@ -46,7 +46,7 @@ contains
     rows(3) = row_t("hencky", "", "", make_hencky)
     rows(4) = row_t("hencky_von_mises", "yield_stress", &
       "hardening hardening_modulus hardening_exponent hardening_strain", make_hencky_von_mises)
-    rows(5) = row_t("drucker_prager", "cohesion friction_angle", "dilation_angle cone", make_drucker_prager)
+    rows(5) = row_t("drucker_prager", "friction_angle", "cohesion dilation_angle cone", make_drucker_prager)
   end subroutine list_models
 
   !> The words for `model`, with blanks between them

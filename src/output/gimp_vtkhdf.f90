@@ -115,6 +115,13 @@ contains
     chunk_for = min(most_rows, max(fewest_rows, n))
   end function chunk_for
 
+  !> A frame without particles gets one cell without points: VTK 9.3 and 9.7 disagree on where the cells begin that follow a
+  !> part without any (9.3 counts one more entry in Offsets for it, 9.7 does not)
+  pure integer(i8) function cells_of(n)
+    integer(i8), intent(in) :: n !! particles
+    cells_of = max(1_i8, n)
+  end function cells_of
+
   !> Start a frame with its points; their number may differ from frame to frame
   subroutine begin_frame(output, frames, x, error)
     type(output_file_t), intent(inout) :: output
@@ -143,17 +150,18 @@ contains
     integer(i8), intent(in) :: before !! particles of the frame before, -1 for none
     type(error_t), allocatable, intent(out) :: error
     integer :: k
-    frames%first_cell = frames%first_cell + max(0_i8, before)
+    if (before >= 0) frames%first_cell = frames%first_cell + cells_of(before)
     frames%parts = frames%parts + 1
     call append_rows(output%file, frames%number_of_points, [frames%n], error)
     do k = 1, 4
-      call append_one(frames%kind(k)%cells, merge(frames%n, 0_i8, k == 1))
+      call append_one(frames%kind(k)%cells, merge(cells_of(frames%n), 0_i8, k == 1))
       call append_one(frames%kind(k)%ids, merge(frames%n, 0_i8, k == 1))
       if (k > 1) call append_one(frames%kind(k)%offsets, 0_i8)
     end do
     ! connectivity 0, 1, 2, ... serves every number of particles up to its length
     call count_up(frames%kind(1)%connectivity, table_rows(output%file, frames%kind(1)%connectivity), frames%n - 1)
     call count_up(frames%kind(1)%offsets, 0_i8, frames%n)
+    if (frames%n == 0) call append_one(frames%kind(1)%offsets, 0_i8) ! the end of the one cell without points
   contains
     subroutine append_one(table, value)
       integer, intent(in) :: table

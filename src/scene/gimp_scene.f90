@@ -5,8 +5,8 @@ module gimp_scene
   use gimp_scene_keys, only: list_groups, list_keys
   use gimp_scene_mistakes, only: mistakes_t, note_mistake, tell_mistakes
   use gimp_scene_text, only: line_t, read_lines, split_lines, join_lines, scan_groups
-  use gimp_scene_store, only: scene_t, count_groups, is_given, line_of, complain, real_of, reals_of, integer_of, integers_of, &
-                              logical_of, word_of, text_of_key, texts_of
+  use gimp_scene_store, only: scene_t, index_blocks, count_groups, is_given, line_of, complain, real_of, reals_of, integer_of, &
+                              integers_of, logical_of, word_of, text_of_key, texts_of
   use gimp_scene_rules, only: check_rules
   use gimp_scene_checks, only: check_scene
   use gimp_scene_echo, only: echo_scene
@@ -47,6 +47,7 @@ contains
     call list_groups(scene%group)
     call list_keys(scene%key)
     call scan_groups(lines, scene%block, mistakes)
+    call index_blocks(scene)
     if (size(scene%block) == 0 .and. mistakes%n == 0) then
       call note_mistake(mistakes, 0, "the scene on standard input is empty; gimp.x --help shows what belongs there")
     else

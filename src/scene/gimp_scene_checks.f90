@@ -119,16 +119,18 @@ contains
     type(scene_t), intent(in) :: scene
     character(len=*), intent(in) :: group
     type(mistakes_t), intent(inout) :: mistakes
+    character(len=256), allocatable :: name(:) !! all names, asked for once: a scene may hold many bodies
     integer :: i, j
-    do i = 2, count_groups(scene, group)
-      if (.not. usable(scene, group, i, "name")) cycle
-      do j = 1, i - 1
-        if (.not. usable(scene, group, j, "name")) cycle
-        if (text_of_key(scene, group, i, "name") /= text_of_key(scene, group, j, "name")) cycle
-        call note_key(mistakes, scene, group, i, "name", "the name is taken by the &"//group//" of line "// &
-                      text_of(line_of(scene, group, j, "name")))
-        exit
-      end do
+    allocate (name(count_groups(scene, group)))
+    do i = 1, size(name)
+      name(i) = ""
+      if (usable(scene, group, i, "name")) name(i) = text_of_key(scene, group, i, "name")
+    end do
+    do i = 2, size(name)
+      j = findloc(name(:i - 1), name(i), dim=1)
+      if (j == 0 .or. name(i) == "") cycle
+      call note_key(mistakes, scene, group, i, "name", "the name is taken by the &"//group//" of line "// &
+                    text_of(line_of(scene, group, j, "name")))
     end do
   end subroutine check_names
 
@@ -512,11 +514,9 @@ contains
     call check_order(scene, "verification", 1, "inner_radius", "outer_radius", mistakes)
     if (.not. usable(scene, "verification", 1, "solution") .or. scene%dimension == 0) return
     select case (word_of(scene, "verification", 1, "solution"))
-    case ("vortex", "expanding_ring")
-      if (scene%dimension /= 2) call note_key(mistakes, scene, "verification", 1, "solution", &
-                                              "this solution belongs to a scene of dimension 2")
-    case ("rigid_rotation")
-      if (scene%dimension == 1) call note_key(mistakes, scene, "verification", 1, "solution", "nothing turns in 1D")
+    case ("vortex", "expanding_ring", "rigid_rotation")
+      if (scene%dimension == 1) call note_key(mistakes, scene, "verification", 1, "solution", &
+                                              "this solution needs dimension 2 or 3")
     end select
   end subroutine check_verification
 

@@ -19,6 +19,7 @@ contains
   pure subroutine echo_scene(scene, text)
     type(scene_t), intent(in) :: scene !! read without a mistake
     character(len=:), allocatable, intent(out) :: text
+    character(len=:), allocatable :: part
     integer :: g, which, n
     text = ""
     do g = 1, size(scene%group)
@@ -26,7 +27,8 @@ contains
       n = count_groups(scene, trim(scene%group(g)%name))
       if (n == 0 .and. all_default(scene, scene%group(g))) n = 1
       do which = 1, n
-        call echo_group(scene, trim(scene%group(g)%name), which, text)
+        call echo_group(scene, trim(scene%group(g)%name), which, part)
+        text = text//part
       end do
     end do
   end subroutine echo_scene
@@ -42,10 +44,10 @@ contains
     type(scene_t), intent(in) :: scene
     character(len=*), intent(in) :: group
     integer, intent(in) :: which
-    character(len=:), allocatable, intent(inout) :: text
+    character(len=:), allocatable, intent(out) :: text
     character(len=:), allocatable :: name
     integer :: k
-    text = text//"&"//group//new_line("a")
+    text = "&"//group//new_line("a")
     do k = 1, size(scene%key)
       if (scene%key(k)%group /= group) cycle
       name = trim(scene%key(k)%name)

@@ -194,7 +194,11 @@ contains
         word = nth_word(default(2:), i)
         equals = index(word, "=")
         if (i > 2) text = text//"; "
-        text = text//word(equals + 1:)//" for "//nth_word(default(2:), 1)//" "//word(:equals - 1)
+        if (nth_word(default(2:), 1) == "dimension") then
+          text = text//word(equals + 1:)//" in "//word(:equals - 1)//"D"
+        else
+          text = text//word(equals + 1:)//" for "//word(:equals - 1)
+        end if
       end do
     end if
   end function default_words

@@ -36,14 +36,14 @@ module gimp_scene_keys
     integer :: most = 0 !! values in a list, characters in a text; -k with count_points: k points
     character(len=8) :: unit = ""
     !> Values with commas between; empty: none; "?key word=value ..." by the value of another key ("dimension" is the
-    !> scene's, "*" any other word); "(words)" explains a default that only the program can work out
+    !> scene's); "(words)" explains a default that only the program can work out
     character(len=96) :: default = ""
     logical :: empty_default = .false. !! the default is the empty text
     character(len=16) :: range = "" !! "(0,1]": round brackets exclude the end; an end may be left out
     character(len=208) :: words = "" !! allowed words, blank between
     character(len=64) :: planned = "" !! words that are known but not built yet
     logical :: required = .false. !! where the choices in `when` read it
-    character(len=96) :: when = "" !! "key=word|word key=word": read only if all hold; empty: always
+    character(len=112) :: when = "" !! "key=word|word key=word": read only if all hold; empty: always
     character(len=32) :: needed_when = "" !! if given: required only where this holds too
     character(len=24) :: unless = "" !! a key that takes the place of this one: only one of the two may be given
     character(len=160) :: purpose = ""
@@ -359,7 +359,7 @@ contains
              "vortex expanding_ring self_weight_column rigid_translation rigid_rotation")
     call add(t, n, g, "body", kind_text, "name of the &body it is compared with; empty: all", most=word_most, &
              empty_default=.true.)
-    call add(t, n, g, "amplitude", kind_real, "amplitude of the motion", range="(0,)", &
+    call add(t, n, g, "amplitude", kind_real, "amplitude of the motion: m, for the vortex rad", range="(0,)", &
              default="?solution axis_aligned=0.05 vortex=0.1 expanding_ring=0.1", &
              when="solution=axis_aligned|vortex|expanding_ring")
     call add(t, n, g, "velocity", kind_real, "velocity of the translation", count_axis, unit="m/s", required=.true., &
@@ -367,19 +367,20 @@ contains
     call add(t, n, g, "speed", kind_real, "largest initial velocity of the bar", unit="m/s", range="(0,)", default="0.1", &
              when="solution=vibrating_bar")
     call add(t, n, g, "length", kind_real, "length of the bar, height of the column", unit="m", range="(0,)", &
-             required=.true., when="solution=vibrating_bar|self_weight_column")
+             default="?solution vibrating_bar=25 self_weight_column=50", when="solution=vibrating_bar|self_weight_column")
     call add(t, n, g, "period", kind_real, "period of the vortex", unit="s", range="(0,)", default="1", when="solution=vortex")
     call add(t, n, g, "angular_velocity", kind_real, "spin", count_rotation, unit="rad/s", required=.true., &
              when="solution=rigid_rotation dimension=2|3")
-    call add(t, n, g, "center", kind_real, "centre of the solution", count_axis, unit="m", default="0")
-    call add(t, n, g, "inner_radius", kind_real, "inner radius, below outer_radius", unit="m", range="[0,)", &
+    call add(t, n, g, "center", kind_real, "origin of the solution's own coordinates", count_axis, unit="m", default="0", &
+             when="solution=vibrating_bar|axis_aligned|vortex|expanding_ring|self_weight_column|rigid_rotation")
+    call add(t, n, g, "inner_radius", kind_real, "inner radius, below outer_radius", unit="m", range="(0,)", &
              default="?solution vortex=0.75 expanding_ring=0.4", when="solution=vortex|expanding_ring")
     call add(t, n, g, "outer_radius", kind_real, "outer radius", unit="m", range="(0,)", &
              default="?solution vortex=1.25 expanding_ring=0.6", when="solution=vortex|expanding_ring")
     call add(t, n, g, "phases", kind_real, "phase of the motion along each axis", count_axis, unit="rad", &
              default="?dimension 1=0 2=0,3.141592653589793 3=0,3.141592653589793,0", when="solution=axis_aligned")
-    call add(t, n, g, "gravity", kind_real, "gravity, pointing down the last axis", unit="m/s2", range="(0,)", &
-             required=.true., when="solution=self_weight_column")
+    call add(t, n, g, "gravity", kind_real, "gravity of the scene, pointing down the last axis", unit="m/s2", range="(0,)", &
+             default="10", when="solution=self_weight_column")
   end subroutine verification_keys
 
 end module gimp_scene_keys

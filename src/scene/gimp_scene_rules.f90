@@ -300,7 +300,7 @@ contains
         call check_read(scene, which, k, mistakes)
         if (scene%key(k)%unless == "") cycle
         if (is_given(scene, group, which, trim(scene%key(k)%unless))) &
-          call note_key(mistakes, scene, group, which, name, "goes not together with "//trim(scene%key(k)%unless)// &
+          call note_key(mistakes, scene, group, which, name, "cannot stand together with "//trim(scene%key(k)%unless)// &
                         "; give one of the two")
       else if (scene%key(k)%required .and. is_read(scene, which, k)) then
         if (conditions_hold(scene, group, which, scene%key(k)%needed_when)) &

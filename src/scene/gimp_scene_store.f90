@@ -15,28 +15,42 @@ module gimp_scene_store
   private
   public :: scene_t, count_groups, is_given, line_of, complain, note_key, note_group
   public :: real_of, reals_of, integer_of, integers_of, logical_of, word_of, text_of_key, texts_of
-  public :: find_block, find_entry, find_key, find_group, is_read, has_value, count_wanted, default_of, conditions_hold, chosen
+  public :: index_blocks, find_block, find_entry, find_key, find_group, is_read, has_value, count_wanted, default_of, conditions_hold, chosen
 
   !> All that the author of a scene wrote
   type :: scene_t
     character(len=:), allocatable :: original !! the text as read
     integer :: dimension = 0 !! 1 to 3; 0 while unknown
     type(block_t), allocatable :: block(:) !! groups in the order of the scene
+    integer, allocatable :: place(:, :) !! (which, row of the group table): position in block, 0 if there is none
     type(key_t), allocatable :: key(:) !! the key table
     type(group_t), allocatable :: group(:) !! the group table
   end type scene_t
 
 contains
 
+  !> Note where the groups of each kind are, once all are there: scenes may hold thousands
+  pure subroutine index_blocks(scene)
+    type(scene_t), intent(inout) :: scene
+    integer :: row(size(scene%block)), found(size(scene%group)), b
+    do b = 1, size(scene%block)
+      row(b) = find_group(scene, scene%block(b)%name)
+    end do
+    found = [(count(row == b), b=1, size(scene%group))]
+    allocate (scene%place(maxval(found), size(scene%group)), source=0)
+    found = 0
+    do b = 1, size(scene%block)
+      if (row(b) == 0) cycle
+      found(row(b)) = found(row(b)) + 1
+      scene%place(found(row(b)), row(b)) = b
+    end do
+  end subroutine index_blocks
+
   !> How many groups of that name the scene holds
   pure integer function count_groups(scene, group)
     type(scene_t), intent(in) :: scene
     character(len=*), intent(in) :: group
-    integer :: b
-    count_groups = 0
-    do b = 1, size(scene%block)
-      if (scene%block(b)%name == group) count_groups = count_groups + 1
-    end do
+    count_groups = count(scene%place(:, known_group(scene, group)) > 0)
   end function count_groups
 
   !> Position in `scene%block` of the which-th group of that name; 0 if there is none
@@ -44,17 +58,10 @@ contains
     type(scene_t), intent(in) :: scene
     character(len=*), intent(in) :: group
     integer, intent(in) :: which
-    integer :: b, n
+    integer :: g
     find_block = 0
-    n = 0
-    do b = 1, size(scene%block)
-      if (scene%block(b)%name /= group) cycle
-      n = n + 1
-      if (n == which) then
-        find_block = b
-        return
-      end if
-    end do
+    g = known_group(scene, group)
+    if (which >= 1 .and. which <= size(scene%place, 1)) find_block = scene%place(which, g)
   end function find_block
 
   !> Position of a key in its block; 0 if it is not written. The first one counts if it is written twice.
@@ -375,6 +382,14 @@ contains
       has_value = scene%key(k)%empty_default .or. default_of(scene, which, k) /= ""
     end if
   end function has_value
+
+  !> Row of a group in the table; the program stops if it is not there
+  pure integer function known_group(scene, group) result(g)
+    type(scene_t), intent(in) :: scene
+    character(len=*), intent(in) :: group
+    g = find_group(scene, group)
+    if (g == 0) error stop "gimp_scene: the group table has no &"//group
+  end function known_group
 
   !> Row of a key in the table; the program stops if it is not there
   pure integer function known_key(scene, group, key) result(k)

@@ -108,13 +108,18 @@ contains
     real(wp), intent(in) :: value
     character(len=:), allocatable :: text
     real(wp) :: again
+    character(len=24) :: buffer
     integer :: digits, status
     do digits = 1, 17
       text = text_of(value, digits)
       call parse_real(text, again, status)
       if (status == 0 .and. again == value) exit
     end do
-    if (scan(text, ".e") == 0) text = text//".0"
+    if (status /= 0 .or. again /= value) then
+      write (buffer, "(es24.16e3)") value ! 17 digits are always enough
+      text = trim(adjustl(buffer))
+    end if
+    if (scan(text, ".eE") == 0) text = text//".0"
   end function exact_text
 
   !> Text between quotes, as a namelist wants it

@@ -4,22 +4,24 @@ module gimp_engine
   use gimp_grid, only: grid_t, nodes_per_block, fields_per_node
   use gimp_blocks, only: block_table_t
   use gimp_images, only: image_t
-  use gimp_particles, only: particles_t
+  use gimp_particles, only: particles_t, live_bytes
   use gimp_basis, only: basis_linear, support_width
   use gimp_material, only: material_t
   use gimp_storage, only: storage_t, reserve_storage
   use, intrinsic :: iso_c_binding, only: c_f_pointer
   implicit none(type, external)
   private
+  public :: engine_bytes
   public :: engine_t, law_t, pass_t, spill_t, body_force_t, allot_grid, pad_nodes, pad_edge, drift
-  public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, n_sums
+  public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, n_sums
   public :: peak_rate, peak_speed, peak_strain, n_peaks
   public :: fate_fine, fate_inverted, fate_outside, fate_lost, fate_jumped
 
   integer, parameter :: drift = 1 !! cells that a particle may stray from its block before it must be sorted
 
   !> Sums of a block over one pass, added in block order afterwards
-  integer, parameter :: sum_kinetic = 1, sum_external = 2, sum_plastic = 3, sum_clamped = 4, sum_wide = 5, n_sums = 5
+  integer, parameter :: sum_kinetic = 1, sum_external = 2, sum_plastic = 3, sum_clamped = 4, sum_wide = 5, &
+    sum_impulse = 6, n_sums = 8 !! 6-8: impulse of the forces on particles
   !> Largest values of a block over one pass
   integer, parameter :: peak_rate = 1 !! wave speed plus particle speed [m/s]
   integer, parameter :: peak_speed = 2 !! particle speed [m/s]
@@ -119,6 +121,13 @@ contains
     integer, intent(in) :: dim, basis
     pad_nodes = product(pad_edge(dim, basis))
   end function pad_nodes
+
+  !> Bytes in use: particles with their copy for the sort, pads and grid
+  pure integer(i8) function engine_bytes(engine)
+    type(engine_t), intent(in) :: engine
+    engine_bytes = 2_i8*live_bytes(engine%particles)*lanes*engine%particles%chunks &
+                   + (size(engine%pad, kind=i8) + size(engine%g, kind=i8))*(storage_size(1.0_wp)/8)
+  end function engine_bytes
 
   !> Room for the grid and the pads of the blocks that are active now
   subroutine allot_grid(engine)

@@ -1,1 +1,2 @@
 gimp_add_unit_test(core test_tensor)
+gimp_add_unit_test(core test_hash_sorting)

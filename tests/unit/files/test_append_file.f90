@@ -61,7 +61,8 @@ contains
     call check_true(.not. file_exists(name), "before the first commit the file does not have its name")
     call commit_append_file(file, error)
     call sound("commit")
-    call check_true(file_exists(name) .and. .not. file_exists(name//".part"), "the first commit gives the name")
+    call check_true(file_exists(name), "the first commit gives the name")
+    call check_true(.not. file_exists(name//".part"), "and takes the temporary one")
     call append_rows(file, points, reshape([(1.0e300_dp, k=1, 30)], [3, 10]), error)
     call set_attribute(file, "group", "time", 0.2_dp, error)
     call open_hdf5(name, "read", reader, error)
@@ -97,9 +98,10 @@ contains
     type(append_file_t) :: file
     type(hdf5_file_t) :: reader
     real(dp), allocatable :: vector(:), matrix(:, :)
-    real(dp) :: expected(2, 20000)
+    real(dp), allocatable :: expected(:, :)
     integer :: one, two, k, n
-    expected = reshape([(real(k, dp), k=1, 40000)], [2, 20000])
+    allocate (expected(2, 20000))
+    expected(:, :) = reshape([(real(k, dp), k=1, 40000)], [2, 20000])
     call create_append_file(name, .true., file, error)
     call sound("overwrite")
     call make_table(file, "one", stored_real64, 1, 2_i8, one, error)

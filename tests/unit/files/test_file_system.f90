@@ -51,7 +51,8 @@ contains
     call close_raw_file(file, error)
     call check_true(.not. allocated(error), "the file can be closed")
     call rename_file(name//".part", name, error)
-    call check_true(file_exists(name) .and. .not. file_exists(name//".part"), "renaming moves the file")
+    call check_true(file_exists(name), "renaming gives the new name")
+    call check_true(.not. file_exists(name//".part"), "and takes the old one")
     open (newunit=unit, file=name, access="stream", form="unformatted", action="read")
     read (unit) content
     inquire (unit, size=length)

@@ -4,7 +4,11 @@ program test_material_table
   use gimp_error, only: error_t, report_lines
   use gimp_text, only: count_words, nth_word
   use gimp_material, only: material_t
-  use gimp_material_table, only: make_material, material_models, material_options_t
+  use gimp_material_table, only: make_material, material_models, material_options_t, unset, real_keys, word_keys, give_real, &
+    give_word
+  use gimp_material_options, only: is_set, real_option, word_option
+  use gimp_hencky_von_mises, only: hencky_von_mises_t
+  use gimp_drucker_prager, only: drucker_prager_t
   use gimp_linear_elastic, only: linear_elastic_t, symmetric_hughes_winget, plain_hughes_winget, explicit_jaumann
   use gimp_check, only: begin_suite, end_suite, check, check_true
   implicit none(type, external)
@@ -13,6 +17,8 @@ program test_material_table
   call check(material_models(), "neo_hookean linear_elastic hencky hencky_von_mises drucker_prager", "the words for model")
   call test_every_model()
   call test_rates()
+  call test_defaults()
+  call test_keys_by_name()
   call test_complaints()
   call end_suite()
 
@@ -76,6 +82,54 @@ contains
     end select
   end subroutine scheme_is
 
+  !> What is left out has the default of the input reference
+  subroutine test_defaults()
+    class(material_t), allocatable :: material
+    type(error_t), allocatable :: error
+    type(material_options_t) :: options
+    options = sound("hencky_von_mises")
+    options%hardening = "power"
+    options%hardening_strain = 0.01_wp
+    call make_material(options, material, error)
+    select type (material)
+    type is (hencky_von_mises_t)
+      call check([material%yield_stress, material%exponent, material%strain], [1.0e4_wp, 1.0_wp, 0.01_wp], 0.0_wp, &
+        "power hardening is linear in the plastic strain unless told otherwise")
+    class default
+      call check_true(.false., "the model is Hencky von Mises")
+    end select
+    options = sound("drucker_prager")
+    options%cohesion = unset
+    call make_material(options, material, error)
+    select type (material)
+    type is (drucker_prager_t)
+      call check([material%eta, material%eta_bar, material%strength], [sqrt(3/13.0_wp), 0.0_wp, 0.0_wp], 1.0e-15_wp, &
+        "plane strain cone, no dilation, no cohesion")
+    class default
+      call check_true(.false., "the model is Drucker-Prager")
+    end select
+  end subroutine test_defaults
+
+  !> Every key can be given and asked by its name
+  subroutine test_keys_by_name()
+    type(material_options_t) :: options
+    integer :: k
+    do k = 1, count_words(real_keys)
+      call check_true(.not. is_set(options, nth_word(real_keys, k)), nth_word(real_keys, k)//" starts unset")
+      call give_real(options, nth_word(real_keys, k), real(k, wp))
+    end do
+    do k = 1, count_words(word_keys)
+      call check_true(.not. is_set(options, nth_word(word_keys, k)), nth_word(word_keys, k)//" starts blank")
+      call give_word(options, nth_word(word_keys, k), nth_word(word_keys, k))
+    end do
+    do k = 1, count_words(real_keys)
+      call check(real_option(options, nth_word(real_keys, k)), real(k, wp), 0.0_wp, nth_word(real_keys, k))
+    end do
+    do k = 1, count_words(word_keys)
+      call check(trim(word_option(options, nth_word(word_keys, k))), nth_word(word_keys, k), "word key")
+    end do
+  end subroutine test_keys_by_name
+
   subroutine test_complaints()
     type(material_options_t) :: options
     options = sound("rubber")
@@ -108,8 +162,8 @@ contains
     options%hardening = "voce"
     call complains(options, "&material ""block"": hardening = 'voce'; must be none, linear or power")
     options = sound("hencky_von_mises")
-    options%hardening = "linear"
-    call complains(options, "&material ""block"": hardening_modulus is missing; hardening = 'linear' needs it")
+    options%hardening = "power"
+    call complains(options, "&material ""block"": hardening_strain is missing; hardening = 'power' needs it")
     options = sound("hencky_von_mises")
     options%hardening_modulus = 3
     call complains(options, "&material ""block"": hardening_modulus has no meaning for this hardening; leave it out")
@@ -127,7 +181,7 @@ contains
     call complains(options, "&material ""block"": dilation_angle = 31; must lie between 0 and 30")
     options = sound("drucker_prager")
     options%friction_angle = 0
-    call complains(options, "&material ""block"": cohesion = 0; must be above 0 where friction_angle = 0")
+    call complains(options, "&material ""block"": friction_angle = 0; must be above 0 where cohesion is 0")
     options = sound("drucker_prager")
     options%cohesion = -1
     call complains(options, "&material ""block"": cohesion = -1; must not be below 0")

@@ -84,7 +84,7 @@ def main():
             signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
-        for limit in (300_000, 1_000_003, 2_500_000):
+        for limit in (500_000, 1_000_003, 2_500_000):
             with open(log, "w") as out:
                 process = subprocess.run([writer, path, "700", "1"], stdout=out, stderr=subprocess.PIPE, text=True,
                                          preexec_fn=small_disk)

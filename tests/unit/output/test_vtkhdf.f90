@@ -77,7 +77,7 @@ contains
       call check(reshape(points(:, first(k) + 1:first(k) + n), [3*n]), [(k + 0.25_wp*i, i=1, 3*n)], 0.0_wp, "points")
       call check(mass(first(k) + 1:first(k) + n), [(k + 0.25_wp*(3*i - 2), i=1, n)], 0.0_wp, "a field")
       call check_true(all(id(first(k) + 1:first(k) + n) == [(int(k*10 + i, i8), i=1, n)]), "an integer field")
-      ! a reader finds a part's cells at the sum of cells before plus one for each part before
+      ! a reader finds the cells of a part at the sum of cells before plus one for each part before
       call check_true(all(offsets(cells(1, k) + part(k) + 1:cells(1, k) + part(k) + n + 1) == [(i, i=0, n)]), "offsets")
     end do
     call close_hdf5(file, error)

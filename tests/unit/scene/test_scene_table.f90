@@ -21,6 +21,7 @@ program test_scene_table
     call check_true(any(keys%group == groups(k)%name) .neqv. groups(k)%planned, "a built group has keys: "//groups(k)%name)
     call check_true(len_trim(groups(k)%purpose) < len(groups(k)%purpose), "purpose not cut: "//groups(k)%name)
   end do
+  deallocate (keys, groups) ! the leak check of a sanitizer build looks at main programs too
   call end_suite()
 
 contains
@@ -39,7 +40,7 @@ contains
                     "nothing is cut off: "//what)
     call check_true(len_trim(key%purpose) > 0, "has a purpose: "//what)
     call check_true((key%kind == kind_word) .eqv. (key%words /= ""), "words belong to word keys: "//what)
-    call check_true(key%required .neqv. (key%default /= "" .or. key%empty_default .or. key%name == "none"), &
+    call check_true(key%required .neqv. (key%default /= "" .or. key%empty_default), &
                     "either required or with a default: "//what)
     if (key%unless /= "") call check_true(any(keys%group == key%group .and. keys%name == key%unless), "unless is a key: "//what)
     do i = 1, count_words(key%when)
@@ -70,14 +71,12 @@ contains
       if (words(i:i) == "|") words(i:i) = " "
     end do
     allowed = ""
-    if (before_equals(condition) == "dimension") allowed = "1 2 3"
     do j = 1, size(keys)
       if (keys(j)%group == key%group .and. keys(j)%name == before_equals(condition)) allowed = trim(keys(j)%words)
     end do
+    if (before_equals(condition) == "dimension") allowed = "1 2 3"
     do i = 1, count_words(words)
-      call check_true(word_in(nth_word(words, i), merge("1 2 3 "//repeat(" ", 200), allowed//repeat(" ", 206 - len(allowed)), &
-                                                        before_equals(condition) == "dimension")) > 0, &
-                      "condition "//condition//" of "//what)
+      call check_true(word_in(nth_word(words, i), allowed) > 0, "condition "//condition//" of "//what)
     end do
   end subroutine test_condition
 

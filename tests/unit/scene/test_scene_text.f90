@@ -17,6 +17,7 @@ program test_scene_text
   call test_many()
   call test_mistakes()
   call test_lines_of_a_file()
+  deallocate (blocks, told) ! the leak check of a sanitizer build looks at main programs too
   call end_suite()
 
 contains

@@ -1,0 +1,88 @@
+!> gimp.x < input.nml: the only place that ends the program. Exit codes: 0 done, 1 the run failed, 2 bad input.
+program gimp_main
+  use gimp_error, only: error_t, report_lines
+  use gimp_text, only: text_of
+  use gimp_scene, only: read_scene, help_text, group_help, write_reference
+  use gimp_run, only: run_t, prepare, check_only, run_scene
+  use gimp_report, only: build_t
+  use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
+  implicit none(type, external)
+  include "gimp_commit.inc"
+  type(run_t), allocatable :: run ! on the heap: it is large
+  type(build_t) :: build
+  type(error_t), allocatable :: error
+  character(len=:), allocatable :: text
+  character(len=64) :: first, second
+  logical :: failed
+
+  build = build_t(GIMP_VERSION, build_commit, GIMP_BUILD)
+  call get_command_argument(1, first)
+  call get_command_argument(2, second)
+  if (command_argument_count() > 2) call refuse("at most two arguments are understood; gimp.x --help tells which")
+  select case (first)
+  case ("", "--check")
+    if (second /= "") call refuse("unknown argument '"//trim(second)//"'; gimp.x --help tells which there are")
+  case ("--version")
+    write (output_unit, "(a)") "gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//")"
+    stop
+  case ("--help")
+    if (second == "") then
+      call help_text(text)
+    else
+      call group_help(trim(second), text, error)
+      if (allocated(error)) call refuse(error%message)
+    end if
+    write (output_unit, "(a)") text
+    stop
+  case ("--reference")
+    call write_reference(output_unit)
+    stop
+  case default
+    call refuse("unknown argument '"//trim(first)//"'; gimp.x --help tells which there are")
+  end select
+
+  allocate (run)
+  call read_scene(run%scene, error)
+  if (.not. allocated(error)) call prepare(run, error)
+  if (allocated(error)) call tell_mistakes()
+  if (first == "--check") then
+    call check_only(run, build, error)
+    if (allocated(error)) call tell_mistakes()
+    stop
+  end if
+  call run_scene(run, build, error, failed)
+  if (allocated(error)) then
+    if (.not. failed) call tell_mistakes()
+    flush (output_unit)
+    write (error_unit, "(a)") "gimp.x: the run failed: "//error%message
+    write (error_unit, "(a)") "  committed frames are in "//run%recorder%path//", the failed state in "//run%recorder%name &
+      //".failed.h5"
+    stop 1, quiet=.true.
+  end if
+
+contains
+
+  !> Every mistake of the scene, and exit code 2
+  subroutine tell_mistakes()
+    integer :: n, i, from
+    flush (output_unit)
+    n = report_lines(error)
+    write (error_unit, "(a)") "gimp.x: "//text_of(n)//trim(merge(" mistake ", " mistakes", n == 1))//" in the scene"
+    from = 1
+    do i = 1, len(error%message)
+      if (error%message(i:i) /= new_line("a")) cycle
+      write (error_unit, "(a)") "  "//error%message(from:i - 1)
+      from = i + 1
+    end do
+    write (error_unit, "(a)") "  "//error%message(from:)
+    stop 2, quiet=.true.
+  end subroutine tell_mistakes
+
+  !> A command line that is not understood
+  subroutine refuse(message)
+    character(len=*), intent(in) :: message
+    write (error_unit, "(a)") "gimp.x: "//message
+    stop 2, quiet=.true.
+  end subroutine refuse
+
+end program gimp_main

@@ -1,0 +1,489 @@
+!> Bodies become particles: shapes are filled, particle files read, and every particle gets its initial state
+module gimp_populate
+  use gimp_kinds, only: wp, dp, i8, lanes
+  use gimp_error, only: error_t, add_error, raise
+  use gimp_text, only: text_of
+  use gimp_shapes, only: shape_t, shape_words, shape_none, shape_box, shape_sphere, shape_cylinder, shape_ring, shape_polygon, &
+    shape_center
+  use gimp_fill, only: fill_t, fill_body_t, fill_bodies
+  use gimp_particle_file, only: particle_table_t, read_particle_file
+  use gimp_particles, only: particles_t, add_field, allot_chunks, swap_chunks, group_t
+  use gimp_basis, only: basis_linear, basis_cpgimp
+  use gimp_domains, only: domain_half_lengths
+  use gimp_verification, only: verification_t, exact_motion
+  use gimp_snapshot, only: needs_reference
+  use gimp_stepper, only: stepper_t
+  use gimp_loads, only: load_point
+  use gimp_scene, only: scene_t, count_groups, is_given, real_of, reals_of, integers_of, integer_of, word_of, text_of_key, &
+    texts_of, complain
+  use gimp_setup, only: body_named
+  implicit none(type, external)
+  private
+  public :: population_t, count_particles, populate
+
+  !> Where the particles of each body come from
+  type :: population_t
+    type(fill_t) :: fill !! bodies with a shape
+    type(particle_table_t), allocatable :: table(:) !! (body) bodies from a file
+    integer(i8), allocatable :: first(:), count(:) !! (body) numbers of its particles
+    integer(i8) :: n = 0
+  end type population_t
+
+contains
+
+  !> Fill the shapes and read the files; afterwards the number of particles is known
+  subroutine count_particles(scene, s, population, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(in) :: s
+    type(population_t), intent(out) :: population
+    type(error_t), allocatable, intent(out) :: error
+    type(fill_body_t), allocatable :: bodies(:)
+    type(error_t), allocatable :: problem
+    integer :: b, n
+    n = count_groups(scene, "body")
+    allocate (bodies(n), population%table(n), population%first(n), population%count(n))
+    do b = 1, n
+      call describe_body(scene, b, bodies(b))
+    end do
+    call fill_bodies(scene%dimension, s%engine%grid%lower, s%engine%grid%spacing, s%engine%grid%cells, bodies, population%fill, &
+                     problem)
+    if (allocated(problem)) call add_error(error, problem%message)
+    do b = 1, n
+      if (word_of(scene, "body", b, "shape") /= "file") cycle
+      call read_particle_file(text_of_key(scene, "body", b, "file"), scene%dimension, population%table(b), problem)
+      if (allocated(problem)) then
+        call complain(error, scene, "body", b, "file", problem%message)
+      else
+        call check_inside(scene, s, b, population%table(b), error)
+      end if
+    end do
+    if (allocated(error)) return
+    population%n = 0
+    do b = 1, n
+      population%first(b) = population%n + 1
+      population%count(b) = population%fill%count(b)
+      if (allocated(population%table(b)%position)) population%count(b) = population%table(b)%n
+      population%n = population%n + population%count(b)
+    end do
+    if (population%n == 0) call raise(error, "the scene holds no particle")
+  end subroutine count_particles
+
+  !> Particles of a file must lie in the box
+  subroutine check_inside(scene, s, b, table, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(in) :: s
+    integer, intent(in) :: b
+    type(particle_table_t), intent(in) :: table
+    type(error_t), allocatable, intent(inout) :: error
+    real(wp) :: x
+    integer(i8) :: i
+    integer :: k
+    do i = 1, table%n
+      do k = 1, scene%dimension
+        x = (table%position(k, i) - s%engine%grid%lower(k))/s%engine%grid%spacing
+        if (x >= 0.0_wp .and. x <= s%engine%grid%cells(k)) cycle
+        call complain(error, scene, "body", b, "file", "particle "//text_of(i)//" lies outside the box of &grid")
+        return
+      end do
+    end do
+  end subroutine check_inside
+
+  !> A body of the scene in the words of the fill
+  subroutine describe_body(scene, b, body)
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: b
+    type(fill_body_t), intent(out) :: body
+    real(wp), allocatable :: points(:), normals(:)
+    integer, allocatable :: per_axis(:)
+    integer :: d, k
+    d = scene%dimension
+    body%name = text_of_key(scene, "body", b, "name")
+    body%subtract = word_of(scene, "body", b, "operation") == "subtract"
+    associate (shape => body%shape)
+      select case (word_of(scene, "body", b, "shape"))
+      case ("box")
+        shape%kind = shape_box
+        shape%lower(:d) = reals_of(scene, "body", b, "lower")
+        shape%upper(:d) = reals_of(scene, "body", b, "upper")
+      case ("sphere")
+        shape%kind = shape_sphere
+      case ("cylinder")
+        shape%kind = shape_cylinder
+      case ("ring")
+        shape%kind = shape_ring
+        shape%inner_radius = real_of(scene, "body", b, "inner_radius")
+        shape%outer_radius = real_of(scene, "body", b, "outer_radius")
+      case ("polygon")
+        shape%kind = shape_polygon
+        points = reals_of(scene, "body", b, "points")
+        shape%vertices = reshape(points, [2, size(points)/2])
+      case default
+        shape%kind = shape_none
+        return
+      end select
+      if (is_given(scene, "body", b, "center")) shape%center(:d) = reals_of(scene, "body", b, "center")
+      if (is_given(scene, "body", b, "radius")) shape%radius = real_of(scene, "body", b, "radius")
+      if (is_given(scene, "body", b, "axis")) shape%axis = index("xyz", word_of(scene, "body", b, "axis"))
+      if (is_given(scene, "body", b, "axis_lower")) shape%axis_lower = real_of(scene, "body", b, "axis_lower")
+      if (is_given(scene, "body", b, "axis_upper")) shape%axis_upper = real_of(scene, "body", b, "axis_upper")
+      if (is_given(scene, "body", b, "cut_point")) then
+        points = reals_of(scene, "body", b, "cut_point")
+        normals = reals_of(scene, "body", b, "cut_normal")
+        shape%cuts = size(points)/d
+        do k = 1, shape%cuts
+          shape%cut_point(:d, k) = points(d*(k - 1) + 1:d*k)
+          shape%cut_normal(:d, k) = normals(d*(k - 1) + 1:d*k)
+        end do
+      end if
+    end associate
+    per_axis = integers_of(scene, "body", b, "particles_per_axis")
+    body%particles_per_axis = 1
+    body%particles_per_axis(:d) = per_axis(1)
+    if (size(per_axis) == d) body%particles_per_axis(:d) = per_axis
+    body%polar = word_of(scene, "body", b, "fill") == "polar"
+    if (is_given(scene, "body", b, "radial_particles")) body%radial_particles = integer_of(scene, "body", b, "radial_particles")
+    if (is_given(scene, "body", b, "angular_particles")) body%angular_particles = integer_of(scene, "body", b, "angular_particles")
+  end subroutine describe_body
+
+  !> Make the particles; `population` is used up
+  subroutine populate(scene, s, solution, population, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    type(verification_t), intent(in) :: solution
+    type(population_t), intent(inout) :: population
+    type(error_t), allocatable, intent(out) :: error
+    integer, allocatable :: material_of(:)
+    integer(i8) :: in_material
+    integer :: b, m, chunks
+    call announce_fields(scene, s, population)
+    allocate (material_of(count_groups(scene, "body")))
+    do b = 1, size(material_of)
+      do m = 1, count_groups(scene, "material")
+        if (text_of_key(scene, "body", b, "material") == text_of_key(scene, "material", m, "name")) material_of(b) = m
+      end do
+    end do
+    chunks = 0
+    allocate (s%engine%particles%groups(0))
+    do m = 1, size(s%engine%laws)
+      in_material = sum(population%count, mask=material_of == m)
+      if (in_material == 0) cycle
+      s%engine%particles%groups = [s%engine%particles%groups, &
+                                   group_t(0, m, chunks + 1, chunks + int((in_material + lanes - 1)/lanes))]
+      chunks = chunks + int((in_material + lanes - 1)/lanes)
+    end do
+    call allot_chunks(s%engine%particles, chunks)
+    call swap_chunks(s%engine%particles)
+    s%engine%particles%p = 0.0_wp
+    s%engine%particles%id = 0
+    do m = 1, size(s%engine%particles%groups)
+      call fill_group(scene, s, solution, population, material_of, s%engine%particles%groups(m), error)
+      if (allocated(error)) return
+    end do
+    s%engine%particles%n = population%n
+    population%fill = fill_t()
+  end subroutine populate
+
+  !> The fields that this scene stores, and nothing else
+  subroutine announce_fields(scene, s, population)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    type(population_t), intent(in) :: population
+    character(len=64), allocatable :: fields(:)
+    logical :: reference, face_loads
+    integer :: d, k, states
+    d = scene%dimension
+    associate (p => s%engine%particles)
+      p%dim = d
+      call add_field(p, "position", d, p%position)
+      call add_field(p, "velocity", d, p%velocity)
+      call add_field(p, "deformation", d*d, p%deformation)
+      call add_field(p, "mass", 1, p%mass)
+      call add_field(p, "volume", 1, p%volume)
+      fields = texts_of(scene, "output", 1, "fields")
+      reference = count_groups(scene, "verification") > 0
+      do k = 1, size(fields)
+        reference = reference .or. needs_reference(trim(fields(k)))
+      end do
+      face_loads = any(s%loads%load%kind /= load_point)
+      call find_uniform_half(s, population, p%uniform_half)
+      if (any(p%uniform_half(:d) <= 0.0_wp) .and. (s%engine%basis /= basis_linear .or. face_loads)) then
+        p%uniform_half = 0.0_wp
+        call add_field(p, "half_length", d, p%half_length)
+      end if
+      if (s%engine%basis == basis_cpgimp) call add_field(p, "domain", d, p%domain)
+      if (reference) call add_field(p, "reference", d, p%reference)
+      if (allocated(s%engine%body_force)) call add_field(p, "force", d, p%force)
+      if (face_loads) call add_field(p, "faces", 1, p%faces)
+      states = 0
+      do k = 1, size(s%engine%laws)
+        states = max(states, s%engine%laws(k)%law%states)
+      end do
+      if (states > 0) call add_field(p, "state", states, p%state)
+    end associate
+  end subroutine announce_fields
+
+  !> Half lengths in cells if all particles share them, else zero
+  subroutine find_uniform_half(s, population, half)
+    type(stepper_t), intent(in) :: s
+    type(population_t), intent(in) :: population
+    real(wp), intent(out) :: half(3)
+    real(wp) :: hinv
+    integer :: d, k
+    d = s%engine%grid%dim
+    hinv = 1.0_wp/s%engine%grid%spacing
+    half = 0.0_wp
+    if (population%fill%n == 0) return
+    do k = 1, size(population%table)
+      if (allocated(population%table(k)%position)) return
+    end do
+    half(:d) = population%fill%half_length(:, 1)*hinv
+    do k = 1, d
+      if (any(abs(population%fill%half_length(k, :)*hinv - half(k)) > 1.0e-12_wp)) half = 0.0_wp
+    end do
+  end subroutine find_uniform_half
+
+  !> The particles of one material, in the order of bodies
+  subroutine fill_group(scene, s, solution, population, material_of, group, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    type(verification_t), intent(in) :: solution
+    type(population_t), intent(in) :: population
+    integer, intent(in) :: material_of(:)
+    type(group_t), intent(in) :: group
+    type(error_t), allocatable, intent(out) :: error
+    real(wp), allocatable :: stress(:, :, :)
+    integer(i8) :: i
+    integer :: b, c, l
+    allocate (stress(lanes, 6, group%first:group%last), source=0.0_wp)
+    c = group%first
+    l = 0
+    do b = 1, size(material_of)
+      if (material_of(b) /= group%material) cycle
+      do i = 1, population%count(b)
+        l = l + 1
+        if (l > lanes) then
+          l = 1
+          c = c + 1
+        end if
+        s%engine%particles%id(l, c) = population%first(b) + i - 1
+        call place_particle(s, population, b, i, group%material, l, c, stress(:, :, c))
+      end do
+      call start_body(scene, s, solution, population, b)
+    end do
+    do l = l + 1, lanes ! spare lanes of the last chunk: twins without mass
+      s%engine%particles%p(l, :, c) = s%engine%particles%p(1, :, c)
+      s%engine%particles%p(l, s%engine%particles%mass%first, c) = 0.0_wp
+      s%engine%particles%p(l, s%engine%particles%volume%first, c) = 0.0_wp
+    end do
+    call start_states(s, group, stress)
+  end subroutine fill_group
+
+  !> Position, mass, volume, half lengths and what a file says about one particle
+  subroutine place_particle(s, population, b, i, material, l, c, stress)
+    type(stepper_t), intent(inout) :: s
+    type(population_t), intent(in) :: population
+    integer, intent(in) :: b, material, l, c
+    integer(i8), intent(in) :: i
+    real(wp), intent(inout) :: stress(lanes, 6)
+    real(wp) :: x(3), half(3), f(9), hinv, j
+    integer(i8) :: q
+    integer :: d, k
+    d = s%engine%grid%dim
+    hinv = 1.0_wp/s%engine%grid%spacing
+    associate (p => s%engine%particles, table => population%table(b), fill => population%fill)
+      f(:d*d) = 0.0_wp
+      f(1:d*d:d + 1) = 1.0_wp
+      half = 0.0_wp
+      x = 0.0_wp
+      if (allocated(table%position)) then
+        x(:d) = table%position(:, i)
+        if (allocated(table%deformation_gradient)) f(:d*d) = table%deformation_gradient(:, i)
+        p%p(l, p%mass%first, c) = table%mass(i)
+        j = determinant_of(d, f)
+        p%p(l, p%volume%first, c) = table%volume(i)/j
+        if (allocated(table%velocity)) p%p(l, p%velocity%first:p%velocity%first + d - 1, c) = table%velocity(:, i)
+        half(:d) = 0.5_wp*(table%volume(i)/j)**(1.0_wp/d)*hinv
+        if (allocated(table%half_length)) half(:d) = table%half_length(:, i)*hinv
+        if (allocated(table%stress)) stress(l, :) = table%stress(:, i)
+      else
+        q = fill%first(b) + i - 1
+        x(:d) = fill%position(:, q)
+        p%p(l, p%volume%first, c) = fill%volume(q)
+        p%p(l, p%mass%first, c) = fill%volume(q)*s%engine%laws(material)%law%density
+        half(:d) = fill%half_length(:, q)*hinv
+        if (p%faces%first > 0) p%p(l, p%faces%first, c) = fill%faces(q) ! turned into load marks by start_body
+      end if
+      do k = 1, d
+        p%p(l, k, c) = (x(k) - s%engine%grid%lower(k))*hinv
+        if (p%reference%first > 0) p%p(l, p%reference%first + k - 1, c) = x(k)
+        if (p%half_length%first > 0) p%p(l, p%half_length%first + k - 1, c) = half(k)
+      end do
+      p%p(l, p%deformation%first:p%deformation%first + d*d - 1, c) = f(:d*d)
+    end associate
+  end subroutine place_particle
+
+  pure real(wp) function determinant_of(d, f) result(j)
+    integer, intent(in) :: d
+    real(wp), intent(in) :: f(9)
+    select case (d)
+    case (1); j = f(1)
+    case (2); j = f(1)*f(4) - f(2)*f(3)
+    case default
+      j = f(1)*(f(5)*f(9) - f(6)*f(8)) - f(2)*(f(4)*f(9) - f(6)*f(7)) + f(3)*(f(4)*f(8) - f(5)*f(7))
+    end select
+  end function determinant_of
+
+  !> Initial velocity, deformation and load marks of a body, or the state of the exact solution
+  subroutine start_body(scene, s, solution, population, b)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    type(verification_t), intent(in) :: solution
+    type(population_t), intent(in) :: population
+    integer, intent(in) :: b
+    type(fill_body_t) :: body
+    real(wp) :: velocity(3), spin(3), center(3), gradient(3, 3), x(3), f(9)
+    real(wp), allocatable :: given(:)
+    integer(i8) :: marks, faces
+    integer :: d, c, l, k, g
+    logical :: exact, has_f
+    d = scene%dimension
+    exact = word_of(scene, "body", b, "initial") == "verification"
+    call describe_body(scene, b, body)
+    velocity = 0.0_wp
+    spin = 0.0_wp
+    gradient = 0.0_wp
+    center = 0.0_wp
+    has_f = is_given(scene, "body", b, "deformation_gradient")
+    if (is_given(scene, "body", b, "velocity")) velocity(:d) = reals_of(scene, "body", b, "velocity")
+    if (is_given(scene, "body", b, "angular_velocity")) then
+      given = reals_of(scene, "body", b, "angular_velocity")
+      if (d == 2) spin(3) = given(1)
+      if (d == 3) spin = given
+    end if
+    if (is_given(scene, "body", b, "velocity_gradient")) then
+      gradient(:d, :d) = transpose(reshape(reals_of(scene, "body", b, "velocity_gradient"), [d, d]))
+    end if
+    if (is_given(scene, "body", b, "rotation_center")) then
+      center(:d) = reals_of(scene, "body", b, "rotation_center")
+    else if (body%shape%kind /= shape_none) then
+      center = shape_center(body%shape, d)
+    end if
+    if (has_f) f(:d*d) = reals_of(scene, "body", b, "deformation_gradient")
+
+    associate (p => s%engine%particles)
+      do g = 1, size(p%groups)
+        do c = p%groups(g)%first, p%groups(g)%last
+          if (exact) call start_exactly(s, solution, population, b, c)
+          do l = 1, lanes
+            if (p%id(l, c) < population%first(b) .or. p%id(l, c) >= population%first(b) + population%count(b)) cycle
+            if (has_f) p%p(l, p%deformation%first:p%deformation%first + d*d - 1, c) = f(:d*d)
+            if (.not. exact .and. .not. allocated(population%table(b)%velocity)) then
+              x = 0.0_wp
+              x(:d) = s%engine%grid%lower(:d) + s%engine%grid%spacing*p%p(l, :d, c) - center(:d)
+              x = velocity + matmul(gradient, x) &
+                  + [spin(2)*x(3) - spin(3)*x(2), spin(3)*x(1) - spin(1)*x(3), spin(1)*x(2) - spin(2)*x(1)]
+              p%p(l, p%velocity%first:p%velocity%first + d - 1, c) = x(:d)
+            end if
+            if (p%faces%first == 0) cycle
+            faces = nint(p%p(l, p%faces%first, c), i8)
+            marks = 0
+            do k = 1, size(s%loads%load)
+              marks = ior(marks, marks_of(scene, s, k, b, faces))
+            end do
+            p%p(l, p%faces%first, c) = real(marks, wp)
+          end do
+        end do
+      end do
+    end associate
+  end subroutine start_body
+
+  !> The six bits of one face load for a particle of a body with these outer faces
+  integer(i8) function marks_of(scene, s, k, b, faces) result(marks)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(in) :: s
+    integer, intent(in) :: k, b
+    integer(i8), intent(in) :: faces
+    character(len=:), allocatable :: side
+    integer :: group, n
+    marks = 0
+    if (s%loads%load(k)%kind == load_point) return
+    n = 0
+    do group = 1, count_groups(scene, "load") ! the k-th load that is not gravity
+      if (word_of(scene, "load", group, "kind") /= "gravity") n = n + 1
+      if (n == k) exit
+    end do
+    if (body_named(scene, text_of_key(scene, "load", group, "body")) /= b) return
+    side = word_of(scene, "load", group, "face")
+    marks = faces
+    if (side /= "all") marks = iand(faces, ibset(0_i8, 2*(index("xyz", side(1:1)) - 1) + merge(1, 0, side(3:) == "high")))
+    marks = shiftl(marks, 6*s%loads%load(k)%place)
+  end function marks_of
+
+  !> Position, velocity and deformation of the exact solution at t = 0
+  subroutine start_exactly(s, solution, population, b, c)
+    type(stepper_t), intent(inout) :: s
+    type(verification_t), intent(in) :: solution
+    type(population_t), intent(in) :: population
+    integer, intent(in) :: b, c
+    real(wp) :: x(lanes, 3), u(lanes, 3), v(lanes, 3), f(lanes, 9)
+    integer :: d, i, j, k, l
+    d = s%engine%grid%dim
+    associate (p => s%engine%particles)
+      x = 0.0_wp
+      x(:, :d) = p%p(:, p%reference%first:p%reference%first + d - 1, c)
+      do l = 1, lanes
+        if (p%id(l, c) == 0) x(l, :) = x(1, :)
+      end do
+      call exact_motion(solution, 0.0_wp, x, u, v, f)
+      do l = 1, lanes
+        if (p%id(l, c) < population%first(b) .or. p%id(l, c) >= population%first(b) + population%count(b)) cycle
+        do k = 1, d
+          p%p(l, k, c) = p%p(l, k, c) + u(l, k)/s%engine%grid%spacing
+          p%p(l, p%velocity%first + k - 1, c) = v(l, k)
+        end do
+        do i = 1, d
+          do j = 1, d
+            p%p(l, p%deformation%first + d*(i - 1) + j - 1, c) = f(l, 3*(i - 1) + j)
+          end do
+        end do
+      end do
+    end associate
+  end subroutine start_exactly
+
+  !> Material state and domains from the initial deformation and stress
+  subroutine start_states(s, group, stress)
+    type(stepper_t), intent(inout) :: s
+    type(group_t), intent(in) :: group
+    real(wp), intent(in) :: stress(lanes, 6, group%first:group%last)
+    real(wp) :: f(lanes, 9), half0(lanes, 3), half(lanes, 3)
+    real(wp), allocatable :: state(:, :)
+    integer :: c, d, i, j, k, q, clamped
+    d = s%engine%grid%dim
+    associate (p => s%engine%particles, law => s%engine%laws(group%material)%law)
+      allocate (state(lanes, max(1, p%state%components)), source=0.0_wp)
+      do c = group%first, group%last
+        f = 0.0_wp
+        f(:, 1:9:4) = 1.0_wp
+        do i = 1, d
+          do j = 1, d
+            f(:, 3*(i - 1) + j) = p%p(:, p%deformation%first + d*(i - 1) + j - 1, c)
+          end do
+        end do
+        if (law%states > 0) then
+          call law%start_state(f, stress(:, :, c), state)
+          p%p(:, p%state%first:p%state%first + law%states - 1, c) = state(:, :law%states)
+        end if
+        if (p%domain%first == 0) cycle
+        do k = 1, 3
+          half0(:, k) = p%uniform_half(k)
+        end do
+        q = p%half_length%first
+        if (q > 0) half0(:, :d) = p%p(:, q:q + d - 1, c)
+        clamped = 0
+        call domain_half_lengths(s%engine%domain_rule, d, f, half0, half, clamped)
+        p%p(:, p%domain%first:p%domain%first + d - 1, c) = half(:, :d)
+      end do
+    end associate
+  end subroutine start_states
+
+end module gimp_populate

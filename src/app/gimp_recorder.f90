@@ -1,0 +1,313 @@
+!> What a run leaves behind: frames, history, summary, and the state of a run that failed
+module gimp_recorder
+  use gimp_kinds, only: wp, dp, i8, lanes
+  use gimp_error, only: error_t
+  use gimp_text, only: text_of
+  use gimp_scene, only: scene_t, echo_scene, real_of, reals_of, integer_of, logical_of, word_of, text_of_key, texts_of, is_given
+  use gimp_output_file, only: output_file_t, open_output, close_output
+  use gimp_vtkhdf, only: frames_t, open_frames, begin_frame, add_field, end_frame
+  use gimp_history, only: history_t, open_history, append_row, commit_history, close_history
+  use gimp_summary, only: write_scene, put_summary
+  use gimp_particle_file, only: particle_table_t, write_particle_file
+  use gimp_verification, only: verification_t, error_scale
+  use gimp_measures, only: totals_t, errors_t, measure_totals, measure_errors, find_particle, nearest_particle, chunk_position, &
+    chunk_stress, chunk_deformation
+  use gimp_snapshot, only: rank_particles, sample_positions, sample_field, field_components
+  use gimp_books, only: energy_residual, energy_drift, stress_update_error
+  use gimp_stepper, only: stepper_t
+  implicit none(type, external)
+  private
+  public :: recorder_t, open_recorder, record_frame, record_row, close_recorder, record_failure, next_frame_time
+
+  integer, parameter :: most_columns = 160
+
+  !> The open output of a run
+  type :: recorder_t
+    character(len=:), allocatable :: name, path
+    type(output_file_t) :: output
+    type(frames_t) :: frames
+    type(history_t) :: history
+    character(len=64), allocatable :: fields(:)
+    integer(i8), allocatable :: body_first(:)
+    integer(i8), allocatable :: probe(:) !! numbers of the particles that probes follow
+    real(wp) :: every = 0.0_wp !! time between frames [s]; 0: first and last only
+    integer :: history_every = 1
+    integer :: frame = 0 !! frames written
+    real(wp) :: frame_time = -1.0_wp !! of the last frame [s]
+    integer(i8) :: row_step = -1 !! step of the last history row
+    type(totals_t) :: totals
+    type(errors_t) :: errors
+    logical :: has_solution = .false.
+    type(verification_t) :: solution
+    character(len=32) :: column(most_columns) = "", unit(most_columns) = ""
+    integer :: columns = 0
+  end type recorder_t
+
+contains
+
+  !> Create the output file and announce what will be in it
+  subroutine open_recorder(scene, s, solution, body_first, recorder, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(in) :: s
+    type(verification_t), intent(in) :: solution
+    integer(i8), intent(in) :: body_first(:) !! first number of each body
+    type(recorder_t), intent(out) :: recorder
+    type(error_t), allocatable, intent(out) :: error
+    character(len=:), allocatable :: complete
+    recorder%name = text_of_key(scene, "output", 1, "name")
+    recorder%path = recorder%name//".vtkhdf"
+    recorder%every = real_of(scene, "output", 1, "every")
+    recorder%history_every = integer_of(scene, "output", 1, "history_every")
+    recorder%fields = texts_of(scene, "output", 1, "fields")
+    recorder%body_first = body_first
+    recorder%solution = solution
+    recorder%has_solution = solution%solution > 0
+    call choose_probes(scene, s, recorder)
+    call name_columns(s%engine%grid%dim, recorder)
+    call open_output(recorder%path, logical_of(scene, "output", 1, "overwrite"), recorder%output, error)
+    if (allocated(error)) return
+    call echo_scene(scene, complete)
+    call write_scene(recorder%output, scene%original, complete, error)
+    if (allocated(error)) return
+    call open_frames(recorder%output, word_of(scene, "output", 1, "precision"), recorder%frames, error)
+    if (allocated(error)) return
+    if (logical_of(scene, "output", 1, "csv")) then
+      call open_history(recorder%output, recorder%column(:recorder%columns), recorder%unit(:recorder%columns), &
+                        recorder%history, error, csv=recorder%name//".history.csv")
+    else
+      call open_history(recorder%output, recorder%column(:recorder%columns), recorder%unit(:recorder%columns), &
+                        recorder%history, error)
+    end if
+    if (allocated(error)) return
+    call put_summary(recorder%output, "status", "running", error)
+  end subroutine open_recorder
+
+  subroutine choose_probes(scene, s, recorder)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(in) :: s
+    type(recorder_t), intent(inout) :: recorder
+    real(wp), allocatable :: points(:)
+    integer :: d, k
+    d = scene%dimension
+    allocate (recorder%probe(0))
+    if (.not. is_given(scene, "output", 1, "probes")) return
+    points = reals_of(scene, "output", 1, "probes")
+    do k = 1, size(points)/d
+      recorder%probe = [recorder%probe, nearest_particle(s%engine, points(d*(k - 1) + 1:d*k), 1_i8, huge(1_i8))]
+    end do
+  end subroutine choose_probes
+
+  !> The columns of the history
+  subroutine name_columns(dim, recorder)
+    integer, intent(in) :: dim
+    type(recorder_t), intent(inout) :: recorder
+    character(len=1), parameter :: axis(3) = ["x", "y", "z"]
+    integer :: k, p
+    call column("step", "1")
+    call column("time", "s")
+    call column("dt", "s")
+    call column("dt_limit", "1")
+    call column("kinetic_energy", "J")
+    call column("stored_energy", "J")
+    call column("plastic_dissipation", "J")
+    call column("damping_dissipation", "J")
+    call column("external_work", "J")
+    call column("reaction_work", "J")
+    call column("transfer_loss_p2g", "J")
+    call column("transfer_loss_g2p", "J")
+    call column("stress_update_error", "J")
+    call column("removed_energy", "J")
+    call column("energy_residual", "1")
+    call column("energy_drift", "1")
+    do k = 1, 3
+      call column("momentum_"//axis(k), "kg m/s")
+    end do
+    do k = 1, 3
+      call column("angular_momentum_"//axis(k), "kg m2/s")
+    end do
+    do k = 1, 3
+      call column("reaction_"//axis(k), "N")
+    end do
+    call column("mass", "kg")
+    call column("particles", "1")
+    call column("max_speed", "m/s")
+    call column("cut_nodes", "1")
+    call column("clamped_domains", "1")
+    call column("wide_chunks", "1")
+    if (recorder%has_solution) then
+      call column("error_rms", "1")
+      call column("error_max", "1")
+      call column("error_rms_velocity", "m/s")
+      call column("error_rms_stress", "Pa")
+    end if
+    do p = 1, size(recorder%probe)
+      do k = 1, dim
+        call column("probe"//text_of(p)//"_"//axis(k), "m")
+      end do
+      do k = 1, dim
+        call column("probe"//text_of(p)//"_velocity_"//axis(k), "m/s")
+      end do
+      call column("probe"//text_of(p)//"_stress_xx", "Pa")
+      call column("probe"//text_of(p)//"_stress_yy", "Pa")
+      call column("probe"//text_of(p)//"_stress_zz", "Pa")
+      call column("probe"//text_of(p)//"_stress_xy", "Pa")
+    end do
+
+  contains
+
+    subroutine column(name, unit)
+      character(len=*), intent(in) :: name, unit
+      recorder%columns = recorder%columns + 1
+      recorder%column(recorder%columns) = name
+      recorder%unit(recorder%columns) = unit
+    end subroutine column
+
+  end subroutine name_columns
+
+  !> Time of the next frame [s]
+  pure real(wp) function next_frame_time(recorder, end) result(time)
+    type(recorder_t), intent(in) :: recorder
+    real(wp), intent(in) :: end !! of the run [s]
+    time = end
+    if (recorder%every > 0.0_wp) time = min(end, recorder%frame*recorder%every)
+  end function next_frame_time
+
+  !> Measure and write one row of the history
+  subroutine record_row(recorder, s, error)
+    type(recorder_t), intent(inout) :: recorder
+    type(stepper_t), intent(inout) :: s
+    type(error_t), allocatable, intent(out) :: error
+    real(dp) :: row(most_columns)
+    real(wp) :: x(lanes, 3), sigma(lanes, 6), j(lanes)
+    integer :: n, p, g, c, l, d
+    if (recorder%row_step == s%step) return
+    d = s%engine%grid%dim
+    call measure_totals(s%engine, recorder%totals)
+    s%books%stored = recorder%totals%stored
+    if (s%step == 0) s%books%stored_start = recorder%totals%stored
+    s%books%largest = max(s%books%largest, recorder%totals%stored)
+    associate (b => s%books, t => recorder%totals)
+      row(:16) = [real(s%step, dp), real(s%time, dp), real(s%dt, dp), real(s%limit, dp), b%kinetic, t%stored, b%plastic, &
+                  b%damping, b%loads, b%reactions, b%loss_p2g, b%loss_g2p, stress_update_error(b), b%removed, &
+                  energy_residual(b), energy_drift(b)]
+      row(17:19) = t%momentum
+      row(20:22) = t%angular_momentum
+      row(23:25) = b%reaction
+      row(26:31) = [t%mass, real(s%engine%particles%n, dp), t%speed, real(b%cut_nodes, dp), real(b%clamped, dp), &
+                    real(b%wide_chunks, dp)]
+    end associate
+    n = 31
+    if (recorder%has_solution) then
+      call measure_errors(s%engine, recorder%solution, s%time, velocity_time(s), recorder%errors)
+      row(n + 1:n + 4) = [recorder%errors%rms/error_scale(recorder%solution), recorder%errors%max/error_scale(recorder%solution), &
+                          recorder%errors%rms_velocity, recorder%errors%rms_stress]
+      n = n + 4
+    end if
+    do p = 1, size(recorder%probe)
+      call find_particle(s%engine%particles, recorder%probe(p), g, c, l)
+      row(n + 1:n + 2*d + 4) = 0.0_dp
+      if (c > 0) then
+        call chunk_position(s%engine, s%engine%particles%groups(g), c, x)
+        call chunk_stress(s%engine, s%engine%particles%groups(g), c, sigma, j)
+        row(n + 1:n + d) = x(l, :d)
+        row(n + d + 1:n + 2*d) = s%engine%particles%p(l, s%engine%particles%velocity%first: &
+                                                      s%engine%particles%velocity%first + d - 1, c)
+        row(n + 2*d + 1:n + 2*d + 4) = sigma(l, :4)
+      end if
+      n = n + 2*d + 4
+    end do
+    call append_row(recorder%output, recorder%history, row(:n), error)
+    recorder%row_step = s%step
+  end subroutine record_row
+
+  !> Time at which the particles' velocities live: half a step back after a half-step start
+  pure real(wp) function velocity_time(s)
+    type(stepper_t), intent(in) :: s
+    velocity_time = s%time
+    if (s%method%half_start .and. s%step > 0) velocity_time = s%time - 0.5_wp*s%dt
+  end function velocity_time
+
+  !> Write one frame, with the history up to it
+  subroutine record_frame(recorder, s, error)
+    type(recorder_t), intent(inout) :: recorder
+    type(stepper_t), intent(inout) :: s
+    type(error_t), allocatable, intent(out) :: error
+    integer(i8), allocatable :: rank(:, :)
+    real(wp), allocatable :: values(:, :)
+    integer :: k
+    if (recorder%frame_time == s%time) return
+    call rank_particles(s%engine, rank)
+    allocate (values(3, s%engine%particles%n))
+    call sample_positions(s%engine, rank, values)
+    call begin_frame(recorder%output, recorder%frames, values, error)
+    do k = 1, size(recorder%fields)
+      if (allocated(error)) return
+      if (recorder%fields(k) == "error" .and. .not. recorder%has_solution) cycle
+      deallocate (values)
+      allocate (values(field_components(trim(recorder%fields(k))), s%engine%particles%n))
+      call sample_field(s%engine, trim(recorder%fields(k)), rank, recorder%body_first, recorder%solution, s%time, values)
+      if (size(values, 1) == 1) then
+        call add_field(recorder%output, recorder%frames, trim(recorder%fields(k)), values(1, :), error)
+      else
+        call add_field(recorder%output, recorder%frames, trim(recorder%fields(k)), values, error)
+      end if
+    end do
+    if (.not. allocated(error)) call commit_history(recorder%output, recorder%history, error)
+    if (.not. allocated(error)) call end_frame(recorder%output, recorder%frames, s%time, error)
+    recorder%frame_time = s%time
+    recorder%frame = recorder%frame + 1
+  end subroutine record_frame
+
+  !> Close the output file
+  subroutine close_recorder(recorder, error)
+    type(recorder_t), intent(inout) :: recorder
+    type(error_t), allocatable, intent(out) :: error
+    call close_history(recorder%output, recorder%history, error)
+    if (.not. allocated(error)) call close_output(recorder%output, error)
+  end subroutine close_recorder
+
+  !> The state in which a run failed goes to NAME.failed.h5, as a particle file
+  subroutine record_failure(recorder, s, reason, error)
+    type(recorder_t), intent(in) :: recorder
+    type(stepper_t), intent(in) :: s
+    character(len=*), intent(in) :: reason
+    type(error_t), allocatable, intent(out) :: error
+    type(particle_table_t) :: table
+    integer(i8), allocatable :: rank(:, :)
+    real(wp) :: x(lanes, 3), f(lanes, 9), sigma(lanes, 6), j(lanes)
+    integer :: g, c, l, d, i, k
+    d = s%engine%grid%dim
+    call rank_particles(s%engine, rank)
+    table%n = s%engine%particles%n
+    table%dimension = d
+    allocate (table%position(d, table%n), table%velocity(d, table%n), table%volume(table%n), table%mass(table%n), &
+              table%deformation_gradient(d*d, table%n), table%stress(6, table%n), table%id(table%n))
+    associate (p => s%engine%particles)
+      do g = 1, size(p%groups)
+        do c = p%groups(g)%first, p%groups(g)%last
+          call chunk_position(s%engine, p%groups(g), c, x)
+          call chunk_deformation(p, c, f)
+          call chunk_stress(s%engine, p%groups(g), c, sigma, j)
+          do l = 1, lanes
+            if (rank(l, c) == 0) cycle
+            associate (q => rank(l, c))
+              table%position(:, q) = x(l, :d)
+              table%velocity(:, q) = p%p(l, p%velocity%first:p%velocity%first + d - 1, c)
+              table%mass(q) = p%p(l, p%mass%first, c)
+              table%volume(q) = j(l)*p%p(l, p%volume%first, c)
+              table%stress(:, q) = sigma(l, :)
+              table%id(q) = p%id(l, c)
+              do i = 1, d
+                do k = 1, d
+                  table%deformation_gradient(d*(i - 1) + k, q) = f(l, 3*(i - 1) + k)
+                end do
+              end do
+            end associate
+          end do
+        end do
+      end do
+    end associate
+    call write_particle_file(recorder%name//".failed.h5", table, error, reason=reason, step=s%step, time=real(s%time, dp))
+  end subroutine record_failure
+
+end module gimp_recorder

@@ -1,0 +1,324 @@
+!> What a run says on the terminal: header, progress and the closing table, with the same numbers in the output file
+module gimp_report
+  use gimp_kinds, only: wp, dp, i8
+  use gimp_error, only: error_t
+  use gimp_text, only: text_of, with_thousands, short_number
+  use gimp_timer, only: seconds_now
+  use gimp_scene, only: scene_t, count_groups, text_of_key, word_of
+  use gimp_engine, only: engine_bytes
+  use gimp_particles, only: live_bytes
+  use gimp_summary, only: put_summary
+  use gimp_verification, only: error_scale, error_scale_text, solution_name
+  use gimp_measures, only: state_hash
+  use gimp_books, only: energy_residual, energy_drift, momentum_residual
+  use gimp_stepper, only: stepper_t, phase_grid, phase_particles, phase_sort
+  use gimp_step_size, only: limit_word, rule_adaptive
+  use gimp_recorder, only: recorder_t
+  use, intrinsic :: iso_fortran_env, only: output_unit, compiler_version
+  use, intrinsic :: iso_c_binding, only: c_int
+  implicit none(type, external)
+  private
+  public :: build_t, progress_t, print_header, start_progress, show_progress, end_progress, print_closing, write_closing, &
+    estimated_steps
+
+  !> How the executable was built
+  type :: build_t
+    character(len=32) :: version = "", commit = "", kind = ""
+  end type build_t
+
+  !> The progress line
+  type :: progress_t
+    logical :: shown = .false.
+    logical :: terminal = .false. !! one line that is written over, instead of a line now and then
+    real(dp) :: start = 0.0_dp, last = 0.0_dp !! [s]
+  end type progress_t
+
+  !> What the steps cost, for the closing table
+  type, public :: costs_t
+    real(dp) :: stepping = 0.0_dp, output = 0.0_dp, setup = 0.0_dp !! [s]
+    real(wp) :: dt_min = huge(1.0_wp), dt_max = 0.0_wp !! [s]
+    integer(i8) :: limited(6) = 0 !! steps by limit
+  end type costs_t
+
+  interface
+    function c_isatty(descriptor) bind(c, name="isatty") result(answer)
+      import :: c_int
+      implicit none(type, external)
+      integer(c_int), value :: descriptor
+      integer(c_int) :: answer
+    end function c_isatty
+  end interface
+
+contains
+
+  !> Steps that a run will take, from the speeds at the start; a guess for adaptive steps
+  pure real(dp) function estimated_steps(s) result(steps)
+    type(stepper_t), intent(in) :: s
+    associate (t => s%time_options)
+      if (t%rule == rule_adaptive) then
+        steps = t%end*max(s%rate, tiny(1.0_wp))/(t%courant*s%engine%grid%spacing)
+      else
+        steps = t%end/t%step
+      end if
+      if (t%max_steps > 0) steps = min(steps, real(t%max_steps, dp))
+    end associate
+  end function estimated_steps
+
+  !> Version, scene in words, and what the run will cost
+  subroutine print_header(build, scene, s)
+    type(build_t), intent(in) :: build
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(in) :: s
+    character(len=:), allocatable :: cells, fields
+    integer :: k
+    cells = text_of(s%engine%grid%cells(1))
+    do k = 2, scene%dimension
+      cells = cells//" x "//text_of(s%engine%grid%cells(k))
+    end do
+    call line("gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//")")
+    if (text_of_key(scene, "scene", 1, "title") /= "") call line("  "//text_of_key(scene, "scene", 1, "title"))
+    call line("  grid       "//cells//" cells of "//text_of(s%engine%grid%spacing)//" m")
+    call line("  material   "//material_words())
+    call line("  particles  "//with_thousands(s%engine%particles%n)//" in " &
+              //plural(count_groups(scene, "body"), "body", "bodies")//", " &
+              //plural(s%engine%table%blocks, "active block of 64 nodes", "active blocks of 64 nodes"))
+    call line("  method     "//word_of(scene, "method", 1, "basis")//", "//word_of(scene, "method", 1, "stress_update")//", " &
+              //transfer_words()//", "//word_of(scene, "method", 1, "deformation_update")//" F")
+    fields = ""
+    do k = 1, size(s%engine%particles%fields)
+      fields = fields//" "//trim(s%engine%particles%fields(k)%name)
+    end do
+    call line("  stored    "//fields//" ("//text_of(live_bytes(s%engine%particles))//" bytes a particle)")
+    call line("  memory     "//short_number(real(engine_bytes(s%engine), wp))//"B, " &
+              //text_of(int(engine_bytes(s%engine)/max(1_i8, s%engine%particles%n)))//" bytes a particle with grid and sort")
+    call line("  time       "//text_of(s%time_options%end)//" s in about "//with_thousands(ceiling(estimated_steps(s), i8)) &
+              //" steps of "//text_of(real(s%time_options%end/max(1.0_dp, estimated_steps(s)), wp), 3)//" s")
+
+  contains
+
+    function material_words() result(words)
+      character(len=:), allocatable :: words
+      integer :: m
+      words = ""
+      do m = 1, size(s%engine%laws)
+        if (m > 1) words = words//"; "
+        words = words//trim(s%engine%laws(m)%law%name)//" ("//trim(s%engine%laws(m)%law%model)//", wave speed " &
+                //text_of(s%engine%laws(m)%law%initial_speed(), 4)//" m/s)"
+      end do
+    end function material_words
+
+    function transfer_words() result(words)
+      character(len=:), allocatable :: words
+      words = word_of(scene, "method", 1, "transfer")
+      if (words == "flip" .and. s%method%flip < 1.0_wp) words = words//" "//text_of(s%method%flip)
+    end function transfer_words
+
+  end subroutine print_header
+
+  function plural(n, one, many) result(words)
+    integer, intent(in) :: n
+    character(len=*), intent(in) :: one, many
+    character(len=:), allocatable :: words
+    if (n == 1) then
+      words = "1 "//one
+    else
+      words = with_thousands(int(n, i8))//" "//many
+    end if
+  end function plural
+
+  !> Decide how progress is shown
+  subroutine start_progress(progress, word)
+    type(progress_t), intent(out) :: progress
+    character(len=*), intent(in) :: word !! auto, on, off
+    progress%terminal = c_isatty(1_c_int) == 1
+    progress%shown = word /= "off"
+    progress%start = seconds_now()
+    progress%last = progress%start
+  end subroutine start_progress
+
+  !> Percent, rate and time left: often on a terminal, every ten seconds in a log
+  subroutine show_progress(progress, s)
+    type(progress_t), intent(inout) :: progress
+    type(stepper_t), intent(in) :: s
+    character(len=:), allocatable :: text
+    real(dp) :: now, share, left
+    if (.not. progress%shown) return
+    now = seconds_now()
+    if (now - progress%last < merge(0.2_dp, 10.0_dp, progress%terminal)) return
+    progress%last = now
+    share = s%time/s%time_options%end
+    if (s%time_options%max_steps > 0) share = max(share, real(s%step, dp)/s%time_options%max_steps)
+    left = (now - progress%start)*(1.0_dp - share)/max(share, 1.0e-9_dp)
+    text = "  "//text_of(int(100.0_dp*share))//" %  t = "//text_of(s%time, 4)//" s  step "//with_thousands(s%step)//"  " &
+           //short_number(real(s%particle_steps/max(now - progress%start, 1.0e-9_dp), wp))//"particle-steps/s  " &
+           //text_of(ceiling(left))//" s left"
+    if (progress%terminal) then
+      write (output_unit, "(3a)", advance="no") achar(13), text, repeat(" ", max(0, 78 - len(text)))
+    else
+      write (output_unit, "(a)") text
+    end if
+    flush (output_unit)
+  end subroutine show_progress
+
+  !> Leave the progress line
+  subroutine end_progress(progress)
+    type(progress_t), intent(in) :: progress
+    if (progress%shown .and. progress%terminal) write (output_unit, "(3a)", advance="no") achar(13), repeat(" ", 78), achar(13)
+    flush (output_unit)
+  end subroutine end_progress
+
+  !> Speed with error: the table every run ends with
+  subroutine print_closing(s, recorder, costs, status)
+    type(stepper_t), intent(in) :: s
+    type(recorder_t), intent(in) :: recorder
+    type(costs_t), intent(in) :: costs
+    character(len=*), intent(in) :: status
+    real(dp) :: rate, grid, particles, sorting
+    integer :: k
+    character(len=:), allocatable :: limits
+    rate = s%particle_steps/max(costs%stepping, 1.0e-9_dp)
+    grid = 100.0_dp*s%seconds(phase_grid)/max(costs%stepping, 1.0e-9_dp)
+    particles = 100.0_dp*s%seconds(phase_particles)/max(costs%stepping, 1.0e-9_dp)
+    sorting = 100.0_dp*s%seconds(phase_sort)/max(costs%stepping, 1.0e-9_dp)
+    limits = ""
+    do k = 1, size(costs%limited)
+      if (costs%limited(k) > 0) limits = limits//", "//limit_word(k)//" " &
+        //text_of(nint(100.0_dp*costs%limited(k)/max(1_i8, s%step)))//" %"
+    end do
+    call line("")
+    call line("  status             "//status//" at t = "//text_of(s%time)//" s after "//with_thousands(s%step)//" steps")
+    if (s%step > 0) call line("  step               "//text_of(costs%dt_min, 3)//" to "//text_of(costs%dt_max, 3)//" s" &
+                              //"; set by "//limits(3:))
+    call line("  speed              "//short_number(real(rate, wp))//"particle-steps/s on one core, " &
+              //text_of(real(1.0e9_dp/max(rate, 1.0e-9_dp), wp), 3)//" ns each")
+    call line("  seconds            "//text_of(real(costs%stepping, wp), 3)//" stepping (particles "//text_of(nint(particles)) &
+              //" %, grid "//text_of(nint(grid))//" %, sort "//text_of(nint(sorting))//" %), " &
+              //text_of(real(costs%output, wp), 3)//" output, "//text_of(real(costs%setup, wp), 3)//" set-up")
+    call line("  energy_residual    "//text_of(real(energy_residual(s%books), wp), 3)//"   (books; round-off is right)")
+    call line("  energy_drift       "//text_of(real(energy_drift(s%books), wp), 3) &
+              //"   (kinetic + stored + dissipated - work, of the largest energy exchanged)")
+    call line("  momentum_residual  "//text_of(real(momentum_residual(s%books, recorder%totals%momentum), wp), 3))
+    if (recorder%has_solution) then
+      call line("  error_rms          "//text_of(real(recorder%errors%rms/error_scale(recorder%solution), wp), 4) &
+                //"   error_max "//text_of(real(recorder%errors%max/error_scale(recorder%solution), wp), 4)//"   against " &
+                //solution_name(recorder%solution)//", "//error_scale_text(recorder%solution))
+      call line("                     velocity "//text_of(real(recorder%errors%rms_velocity, wp), 3)//" m/s, stress " &
+                //text_of(real(recorder%errors%rms_stress, wp), 3)//" Pa (rms)")
+    end if
+    call print_counts(s)
+    call line("  state_hash         "//hash_text(s))
+    call line("  output             "//recorder%path//", "//plural(recorder%frame, "frame", "frames"))
+  end subroutine print_closing
+
+  !> What was clamped, cut or removed: silence means none
+  subroutine print_counts(s)
+    type(stepper_t), intent(in) :: s
+    call say(s%books%clamped, "particle domains shortened to the longest allowed (particle-steps)")
+    call say(s%books%wide_chunks, "chunks through the list kernel (wide supports or drift)")
+    call say(s%books%spilled, "node values beyond a pad")
+    call say(s%books%cut_nodes, "nodes below the mass cut-off (node-steps)")
+    call say(s%books%removed_particles, "particles removed at free sides")
+    call say(s%books%lost_loads, "load points on inactive nodes: force was lost")
+    call line("  sorts              "//with_thousands(s%books%sorts))
+
+  contains
+
+    subroutine say(n, what)
+      integer(i8), intent(in) :: n
+      character(len=*), intent(in) :: what
+      if (n > 0) call line("  counted            "//with_thousands(n)//" "//what)
+    end subroutine say
+
+  end subroutine print_counts
+
+  function hash_text(s) result(text)
+    type(stepper_t), intent(in) :: s
+    character(len=:), allocatable :: text
+    character(len=16) :: buffer
+    write (buffer, "(z16.16)") state_hash(s%engine, s%step, s%time)
+    text = buffer
+  end function hash_text
+
+  !> The closing table as attributes of /summary
+  subroutine write_closing(build, s, recorder, costs, status, error)
+    type(build_t), intent(in) :: build
+    type(stepper_t), intent(in) :: s
+    type(recorder_t), intent(inout) :: recorder
+    type(costs_t), intent(in) :: costs
+    character(len=*), intent(in) :: status
+    type(error_t), allocatable, intent(out) :: error
+    real(dp) :: rate
+    rate = s%particle_steps/max(costs%stepping, 1.0e-9_dp)
+    call word("status", status)
+    call whole("steps", s%step)
+    call number("time", real(s%time, dp))
+    call whole("particles", s%engine%particles%n)
+    call whole("threads", 1_i8)
+    call whole("ranks", 1_i8)
+    call number("wall_seconds", costs%stepping)
+    call number("seconds_setup", costs%setup)
+    call number("seconds_output", costs%output)
+    call number("seconds_grid", s%seconds(phase_grid))
+    call number("seconds_particles", s%seconds(phase_particles))
+    call number("seconds_sort", s%seconds(phase_sort))
+    call number("particle_steps_per_second", rate)
+    call number("particle_steps_per_core_second", rate)
+    call number("bytes_per_particle", real(engine_bytes(s%engine), dp)/max(1_i8, s%engine%particles%n))
+    call number("state_bytes_per_particle", real(live_bytes(s%engine%particles), dp))
+    call number("dt_min", real(min(costs%dt_min, costs%dt_max), dp))
+    call number("dt_max", real(costs%dt_max, dp))
+    call number("energy_residual", energy_residual(s%books))
+    call number("energy_drift", energy_drift(s%books))
+    call number("momentum_residual", momentum_residual(s%books, recorder%totals%momentum))
+    call word("state_hash", hash_text(s))
+    call whole("sorts", s%books%sorts)
+    call whole("clamped_domains", s%books%clamped)
+    call whole("wide_chunks", s%books%wide_chunks)
+    call whole("spilled_values", s%books%spilled)
+    call whole("cut_nodes", s%books%cut_nodes)
+    call whole("removed_particles", s%books%removed_particles)
+    call whole("lost_loads", s%books%lost_loads)
+    if (recorder%has_solution) then
+      call word("error_solution", solution_name(recorder%solution))
+      call word("error_scale_by", error_scale_text(recorder%solution))
+      call number("error_scale", real(error_scale(recorder%solution), dp))
+      call number("error_rms", recorder%errors%rms/error_scale(recorder%solution))
+      call number("error_max", recorder%errors%max/error_scale(recorder%solution))
+      call number("error_rms_velocity", recorder%errors%rms_velocity)
+      call number("error_max_velocity", recorder%errors%max_velocity)
+      call number("error_rms_stress", recorder%errors%rms_stress)
+      call number("error_max_stress", recorder%errors%max_stress)
+    end if
+    call word("version", trim(build%version))
+    call word("commit", trim(build%commit))
+    call word("build", trim(build%kind))
+    call word("compiler", compiler_version())
+    call word("precision", "double")
+
+  contains
+
+    subroutine number(name, value)
+      character(len=*), intent(in) :: name
+      real(dp), intent(in) :: value
+      if (.not. allocated(error)) call put_summary(recorder%output, name, value, error)
+    end subroutine number
+
+    subroutine whole(name, value)
+      character(len=*), intent(in) :: name
+      integer(i8), intent(in) :: value
+      if (.not. allocated(error)) call put_summary(recorder%output, name, value, error)
+    end subroutine whole
+
+    subroutine word(name, value)
+      character(len=*), intent(in) :: name, value
+      if (.not. allocated(error)) call put_summary(recorder%output, name, value, error)
+    end subroutine word
+
+  end subroutine write_closing
+
+  subroutine line(text)
+    character(len=*), intent(in) :: text
+    write (output_unit, "(a)") text
+  end subroutine line
+
+end module gimp_report

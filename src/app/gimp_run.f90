@@ -1,0 +1,171 @@
+!> A run from a checked scene to its closing table
+module gimp_run
+  use gimp_kinds, only: wp, dp, i8
+  use gimp_error, only: error_t, add_error
+  use gimp_timer, only: seconds_now
+  use gimp_scene, only: scene_t, count_groups, word_of, text_of_key, reals_of, complain
+  use gimp_verification, only: verification_t
+  use gimp_measures, only: nearest_particle
+  use gimp_loads, only: load_point
+  use gimp_stepper, only: stepper_t, start_run, plan_step, take_step
+  use gimp_step_size, only: rule_adaptive
+  use gimp_setup, only: set_up_scene, body_named
+  use gimp_populate, only: population_t, count_particles, populate
+  use gimp_recorder, only: recorder_t, open_recorder, record_frame, record_row, close_recorder, record_failure, next_frame_time
+  use gimp_report, only: build_t, progress_t, costs_t, print_header, start_progress, show_progress, end_progress, &
+    print_closing, write_closing
+  use, intrinsic :: iso_fortran_env, only: output_unit
+  implicit none(type, external)
+  private
+  public :: run_t, prepare, check_only, run_scene
+
+  !> Everything a run holds
+  type :: run_t
+    type(scene_t) :: scene
+    type(stepper_t) :: stepper
+    type(verification_t) :: solution
+    type(recorder_t) :: recorder
+    type(costs_t) :: costs
+    integer(i8), allocatable :: body_first(:)
+  end type run_t
+
+contains
+
+  !> Set the run up as far as bad input can matter; all mistakes are told at once
+  subroutine prepare(run, error)
+    type(run_t), intent(inout) :: run
+    type(error_t), allocatable, intent(out) :: error
+    type(population_t) :: population
+    type(error_t), allocatable :: problem
+    real(dp) :: start
+    start = seconds_now()
+    call set_up_scene(run%scene, run%stepper, run%solution, error)
+    if (allocated(run%stepper%engine%laws)) then
+      call count_particles(run%scene, run%stepper, population, problem)
+      if (allocated(problem)) call add_error(error, problem%message)
+    end if
+    if (allocated(error)) return
+    call populate(run%scene, run%stepper, run%solution, population, error)
+    if (allocated(error)) return
+    run%body_first = population%first
+    call place_point_loads(run, population, error)
+    if (allocated(error)) return
+    run%costs%setup = seconds_now() - start
+  end subroutine prepare
+
+  !> A point force acts on the particle of its body that is nearest to the point
+  subroutine place_point_loads(run, population, error)
+    type(run_t), intent(inout) :: run
+    type(population_t), intent(in) :: population
+    type(error_t), allocatable, intent(inout) :: error
+    integer :: k, n, b
+    n = 0
+    do k = 1, count_groups(run%scene, "load")
+      if (word_of(run%scene, "load", k, "kind") == "gravity") cycle
+      n = n + 1
+      if (run%stepper%loads%load(n)%kind /= load_point) cycle
+      b = body_named(run%scene, text_of_key(run%scene, "load", k, "body"))
+      run%stepper%loads%load(n)%id = nearest_particle(run%stepper%engine, reals_of(run%scene, "load", k, "point"), &
+                                                      population%first(b), population%first(b) + population%count(b) - 1)
+      if (run%stepper%loads%load(n)%id == 0) call complain(error, run%scene, "load", k, "body", "the body has no particles")
+    end do
+  end subroutine place_point_loads
+
+  !> `--check`: what the run would be, without running it
+  subroutine check_only(run, build, error)
+    type(run_t), intent(inout) :: run
+    type(build_t), intent(in) :: build
+    type(error_t), allocatable, intent(out) :: error
+    call start_run(run%stepper, error)
+    if (allocated(error)) return
+    call print_header(build, run%scene, run%stepper)
+    write (output_unit, "(a)") "  checked: the scene is sound; nothing was run or written"
+  end subroutine check_only
+
+  !> Run to the end. `failed` tells a run that went wrong from a problem before it started.
+  subroutine run_scene(run, build, error, failed)
+    type(run_t), intent(inout) :: run
+    type(build_t), intent(in) :: build
+    type(error_t), allocatable, intent(out) :: error
+    logical, intent(out) :: failed !! the run had begun: its output holds what was committed
+    type(progress_t) :: progress
+    type(error_t), allocatable :: ignored
+    character(len=:), allocatable :: status
+    real(dp) :: start
+    failed = .false.
+    start = seconds_now()
+    call start_run(run%stepper, error)
+    if (allocated(error)) return
+    call print_header(build, run%scene, run%stepper)
+    call open_recorder(run%scene, run%stepper, run%solution, run%body_first, run%recorder, error)
+    if (allocated(error)) return
+    run%costs%setup = run%costs%setup + seconds_now() - start
+    failed = .true.
+    run%stepper%seconds = 0.0_dp
+    call start_progress(progress, word_of(run%scene, "output", 1, "progress"))
+    call step_to_end(run, progress, status, error)
+    call end_progress(progress)
+    if (allocated(error)) then
+      call record_failure(run%recorder, run%stepper, error%message, ignored)
+      call write_closing(build, run%stepper, run%recorder, run%costs, "failed", ignored)
+      call close_recorder(run%recorder, ignored)
+      return
+    end if
+    call write_closing(build, run%stepper, run%recorder, run%costs, status, error)
+    if (.not. allocated(error)) call close_recorder(run%recorder, error)
+    if (allocated(error)) return
+    call print_closing(run%stepper, run%recorder, run%costs, status)
+    failed = .false.
+  end subroutine run_scene
+
+  !> The time loop
+  subroutine step_to_end(run, progress, status, error)
+    type(run_t), intent(inout) :: run
+    type(progress_t), intent(inout) :: progress
+    character(len=:), allocatable, intent(out) :: status
+    type(error_t), allocatable, intent(out) :: error
+    real(dp) :: start
+    real(wp) :: until
+    associate (s => run%stepper, end => run%stepper%time_options%end)
+      status = "done"
+      call record(run, frame=.true., row=.true., error=error)
+      if (allocated(error)) return
+      do while (end - s%time > 1.0e-9_wp*max(s%dt, tiny(1.0_wp)))
+        if (s%time_options%max_steps > 0 .and. s%step >= s%time_options%max_steps) then
+          status = "max_steps"
+          exit
+        end if
+        start = seconds_now()
+        until = next_frame_time(run%recorder, end) - s%time
+        if (until <= 0.0_wp) until = end - s%time
+        call plan_step(s, until, error)
+        if (allocated(error)) return
+        call take_step(s, error)
+        if (allocated(error)) return
+        run%costs%stepping = run%costs%stepping + seconds_now() - start
+        run%costs%dt_min = min(run%costs%dt_min, s%dt)
+        run%costs%dt_max = max(run%costs%dt_max, s%dt)
+        run%costs%limited(s%limit) = run%costs%limited(s%limit) + 1
+        call record(run, frame=s%time >= next_frame_time(run%recorder, end) - 1.0e-9_wp*s%dt, &
+                    row=modulo(s%step, int(run%recorder%history_every, i8)) == 0, error=error)
+        if (allocated(error)) return
+        call show_progress(progress, s)
+      end do
+      call record(run, frame=.true., row=.true., error=error)
+    end associate
+  end subroutine step_to_end
+
+  !> Write a row and a frame where they are due; a frame always has its row
+  subroutine record(run, frame, row, error)
+    type(run_t), intent(inout) :: run
+    logical, intent(in) :: frame, row
+    type(error_t), allocatable, intent(out) :: error
+    real(dp) :: start
+    if (.not. (frame .or. row)) return
+    start = seconds_now()
+    call record_row(run%recorder, run%stepper, error)
+    if (frame .and. .not. allocated(error)) call record_frame(run%recorder, run%stepper, error)
+    run%costs%output = run%costs%output + seconds_now() - start
+  end subroutine record
+
+end module gimp_run

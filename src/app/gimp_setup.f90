@@ -1,0 +1,322 @@
+!> From a checked scene to a run that can start: grid, sides, materials, method, time, loads and the exact solution
+module gimp_setup
+  use gimp_kinds, only: wp, i8, lanes
+  use gimp_error, only: error_t, add_error
+  use gimp_grid, only: make_grid
+  use gimp_basis, only: basis_of_word, basis_cpgimp, basis_ugimp
+  use gimp_domains, only: domain_of_word
+  use gimp_material, only: material_t
+  use gimp_material_options, only: material_options_t
+  use gimp_material_table, only: make_material
+  use gimp_verification, only: verification_t, verification_options_t, make_verification, has_body_force
+  use gimp_engine, only: law_t
+  use gimp_walls, only: walls_t, set_walls, side_of_word, condition_of_word
+  use gimp_time_table, only: time_table_t
+  use gimp_loads, only: loads_t, load_traction, load_pressure, load_point, most_face_loads
+  use gimp_stepper, only: stepper_t, scheme_of_word, damping_none, damping_local, damping_kinetic
+  use gimp_step_size, only: rule_adaptive, rule_uniform, rule_fixed
+  use gimp_solution_force, only: solution_force_t
+  use gimp_scene, only: scene_t, count_groups, is_given, real_of, reals_of, integer_of, logical_of, word_of, text_of_key, complain
+  implicit none(type, external)
+  private
+  public :: set_up_scene, body_named
+
+contains
+
+  !> Everything but the particles; all mistakes are collected
+  subroutine set_up_scene(scene, s, solution, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    type(verification_t), intent(out) :: solution
+    type(error_t), allocatable, intent(out) :: error
+    s%engine%grid = make_grid(scene%dimension, reals_of(scene, "grid", 1, "lower"), reals_of(scene, "grid", 1, "upper"), &
+                              real_of(scene, "grid", 1, "spacing"))
+    call set_up_walls(scene, s%walls)
+    call set_walls(s%walls, s%engine%grid)
+    call set_up_materials(scene, s%engine%laws, error)
+    if (allocated(error)) return
+    call set_up_method(scene, s, error)
+    call set_up_loads(scene, s%loads, error)
+    call set_up_solution(scene, s, solution, error)
+    if (allocated(error)) return
+    call set_up_time(scene, s)
+  end subroutine set_up_scene
+
+  !> Sides of the box; without a group they are free
+  subroutine set_up_walls(scene, walls)
+    type(scene_t), intent(in) :: scene
+    type(walls_t), intent(inout) :: walls
+    character(len=:), allocatable :: side
+    integer :: b, axis, end, a, e
+    do b = 1, count_groups(scene, "boundary")
+      side = word_of(scene, "boundary", b, "side")
+      call side_of_word(side, axis, end)
+      do a = 1, scene%dimension
+        do e = 1, 2
+          if (side /= "all" .and. (a /= axis .or. e /= end)) cycle
+          associate (wall => walls%side(e, a))
+            wall%condition = condition_of_word(word_of(scene, "boundary", b, "condition"))
+            wall%removes = word_of(scene, "boundary", b, "condition") == "free" &
+                           .and. word_of(scene, "boundary", b, "leaving") == "remove"
+            if (is_given(scene, "boundary", b, "velocity")) then
+              wall%velocity(:scene%dimension) = reals_of(scene, "boundary", b, "velocity")
+            end if
+            call set_up_table(scene, "boundary", b, wall%table)
+          end associate
+        end do
+      end do
+    end do
+  end subroutine set_up_walls
+
+  !> Times and factors, and the ramp of loads
+  subroutine set_up_table(scene, group, which, table)
+    type(scene_t), intent(in) :: scene
+    character(len=*), intent(in) :: group
+    integer, intent(in) :: which
+    type(time_table_t), intent(inout) :: table
+    if (is_given(scene, group, which, "times")) then
+      table%times = reals_of(scene, group, which, "times")
+      table%factors = reals_of(scene, group, which, "factors")
+    end if
+    if (group == "load") table%ramp_time = real_of(scene, group, which, "ramp_time")
+  end subroutine set_up_table
+
+  subroutine set_up_materials(scene, laws, error)
+    type(scene_t), intent(in) :: scene
+    type(law_t), allocatable, intent(out) :: laws(:)
+    type(error_t), allocatable, intent(inout) :: error
+    type(material_options_t) :: options
+    type(error_t), allocatable :: problem
+    integer :: m
+    allocate (laws(count_groups(scene, "material")))
+    do m = 1, size(laws)
+      options = material_options_t()
+      options%name = text_of_key(scene, "material", m, "name")
+      options%model = word_of(scene, "material", m, "model")
+      call take("density", options%density)
+      call take("young_modulus", options%young_modulus)
+      call take("poisson_ratio", options%poisson_ratio)
+      call take("yield_stress", options%yield_stress)
+      call take("hardening_modulus", options%hardening_modulus)
+      call take("hardening_exponent", options%hardening_exponent)
+      call take("hardening_strain", options%hardening_strain)
+      call take("cohesion", options%cohesion)
+      call take("friction_angle", options%friction_angle)
+      call take("dilation_angle", options%dilation_angle)
+      call take_word("hardening", options%hardening)
+      call take_word("cone", options%cone)
+      call take_word("rate", options%rate)
+      call take_word("rate_form", options%rate_form)
+      call make_material(options, laws(m)%law, problem)
+      if (allocated(problem)) call add_error(error, problem%message)
+    end do
+
+  contains
+
+    subroutine take(key, value)
+      character(len=*), intent(in) :: key
+      real(wp), intent(inout) :: value
+      if (is_given(scene, "material", m, key)) value = real_of(scene, "material", m, key)
+    end subroutine take
+
+    subroutine take_word(key, value)
+      character(len=*), intent(in) :: key
+      character(len=*), intent(inout) :: value
+      if (is_given(scene, "material", m, key)) value = word_of(scene, "material", m, key)
+    end subroutine take_word
+
+  end subroutine set_up_materials
+
+  subroutine set_up_method(scene, s, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    type(error_t), allocatable, intent(inout) :: error
+    s%engine%basis = basis_of_word(word_of(scene, "method", 1, "basis"))
+    s%engine%domain_rule = 0
+    if (s%engine%basis == basis_cpgimp) s%engine%domain_rule = domain_of_word(word_of(scene, "method", 1, "domain"))
+    s%engine%list_kernel = word_of(scene, "method", 1, "kernel") == "list"
+    select case (word_of(scene, "method", 1, "deformation_update"))
+    case ("forward"); s%engine%f_update = 2
+    case ("exponential"); s%engine%f_update = 3
+    case default; s%engine%f_update = 1
+    end select
+    s%method%scheme = scheme_of_word(word_of(scene, "method", 1, "stress_update"))
+    s%method%flip = real_of(scene, "method", 1, "flip_fraction")
+    if (word_of(scene, "method", 1, "transfer") == "pic") s%method%flip = 0.0_wp
+    s%method%cutoff = real_of(scene, "method", 1, "mass_cutoff")
+    s%method%half_start = logical_of(scene, "method", 1, "half_step_start")
+    select case (word_of(scene, "method", 1, "damping"))
+    case ("local"); s%method%damping = damping_local
+    case ("kinetic"); s%method%damping = damping_kinetic
+    case default; s%method%damping = damping_none
+    end select
+    s%method%damping_factor = real_of(scene, "method", 1, "damping_factor")
+    s%method%sort_every = integer_of(scene, "method", 1, "sort_every")
+    if (s%engine%basis == basis_ugimp .and. is_given(scene, "method", 1, "domain")) &
+      call complain(error, scene, "method", 1, "domain", "is read with basis = 'cpgimp' only")
+  end subroutine set_up_method
+
+  subroutine set_up_loads(scene, loads, error)
+    type(scene_t), intent(in) :: scene
+    type(loads_t), intent(inout) :: loads
+    type(error_t), allocatable, intent(inout) :: error
+    integer :: k, gravity, faces, n, d
+    d = scene%dimension
+    n = count_groups(scene, "load")
+    gravity = 0
+    do k = 1, n
+      if (word_of(scene, "load", k, "kind") == "gravity") gravity = gravity + 1
+    end do
+    allocate (loads%gravity(gravity), loads%load(n - gravity))
+    gravity = 0
+    faces = 0
+    n = 0
+    do k = 1, count_groups(scene, "load")
+      if (word_of(scene, "load", k, "kind") == "gravity") then
+        gravity = gravity + 1
+        loads%gravity(gravity)%acceleration(:d) = reals_of(scene, "load", k, "acceleration")
+        call set_up_table(scene, "load", k, loads%gravity(gravity)%table)
+        cycle
+      end if
+      n = n + 1
+      associate (load => loads%load(n))
+        call set_up_table(scene, "load", k, load%table)
+        select case (word_of(scene, "load", k, "kind"))
+        case ("traction")
+          load%kind = load_traction
+          load%vector(:d) = reals_of(scene, "load", k, "traction")
+        case ("pressure")
+          load%kind = load_pressure
+          load%pressure = real_of(scene, "load", k, "pressure")
+        case default
+          load%kind = load_point
+          load%vector(:d) = reals_of(scene, "load", k, "force")
+        end select
+        if (load%kind == load_point) cycle
+        load%place = faces
+        faces = faces + 1
+        if (faces > most_face_loads) call complain(error, scene, "load", k, "kind", "a scene can hold at most 7 face loads")
+      end associate
+    end do
+  end subroutine set_up_loads
+
+  !> Number of the body of that name, 0 if there is none
+  pure integer function body_named(scene, name) result(body)
+    type(scene_t), intent(in) :: scene
+    character(len=*), intent(in) :: name
+    integer :: b
+    body = 0
+    do b = 1, count_groups(scene, "body")
+      if (text_of_key(scene, "body", b, "name") == name) body = b
+    end do
+  end function body_named
+
+  !> The exact solution, with the constants of the (one) material it is for
+  subroutine set_up_solution(scene, s, solution, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    type(verification_t), intent(inout) :: solution
+    type(error_t), allocatable, intent(inout) :: error
+    type(verification_options_t) :: options
+    type(error_t), allocatable :: problem
+    type(solution_force_t), allocatable :: force
+    real(wp) :: young, poisson
+    integer :: d
+    if (count_groups(scene, "verification") == 0) return
+    d = scene%dimension
+    options%solution = word_of(scene, "verification", 1, "solution")
+    call take("amplitude", options%amplitude)
+    call take("speed", options%speed)
+    call take("length", options%length)
+    call take("period", options%period)
+    call take("gravity", options%gravity)
+    call take("inner_radius", options%inner_radius)
+    call take("outer_radius", options%outer_radius)
+    call take_vector("velocity", options%velocity)
+    call take_vector("center", options%center)
+    call take_vector("phases", options%phases)
+    if (is_given(scene, "verification", 1, "angular_velocity")) then
+      if (d == 2) then
+        options%angular_velocity = 0.0_wp
+        options%angular_velocity(3:3) = reals_of(scene, "verification", 1, "angular_velocity")
+      else
+        call take_vector("angular_velocity", options%angular_velocity)
+      end if
+    end if
+    if (size(s%engine%laws) > 1) then
+      call complain(error, scene, "verification", 1, "solution", "an exact solution is for scenes with one material")
+      return
+    end if
+    associate (law => s%engine%laws(1)%law)
+      young = law%mu*(3.0_wp*law%lambda + 2.0_wp*law%mu)/(law%lambda + law%mu)
+      poisson = 0.5_wp*law%lambda/(law%lambda + law%mu)
+      if (is_given(scene, "material", 1, "young_modulus")) young = real_of(scene, "material", 1, "young_modulus")
+      if (is_given(scene, "material", 1, "poisson_ratio")) poisson = real_of(scene, "material", 1, "poisson_ratio")
+      call make_verification(options, d, trim(law%model), law%density, young, poisson, solution, problem)
+    end associate
+    if (allocated(problem)) then
+      call add_error(error, problem%message)
+      return
+    end if
+    if (has_body_force(solution)) then
+      allocate (force)
+      force%solution = solution
+      call move_alloc(force, s%engine%body_force)
+    end if
+
+  contains
+
+    subroutine take(key, value)
+      character(len=*), intent(in) :: key
+      real(wp), intent(inout) :: value
+      if (is_given(scene, "verification", 1, key)) value = real_of(scene, "verification", 1, key)
+    end subroutine take
+
+    subroutine take_vector(key, value)
+      character(len=*), intent(in) :: key
+      real(wp), intent(inout) :: value(3)
+      real(wp), allocatable :: given(:)
+      if (.not. is_given(scene, "verification", 1, key)) return
+      given = reals_of(scene, "verification", 1, key)
+      value = 0.0_wp
+      value(:size(given)) = given
+    end subroutine take_vector
+
+  end subroutine set_up_solution
+
+  !> How time is divided; the uniform rule takes the wave speed of the unstressed materials
+  subroutine set_up_time(scene, s)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    real(wp) :: c
+    integer :: m, n
+    associate (t => s%time_options)
+      t%end = real_of(scene, "time", 1, "end")
+      t%courant = real_of(scene, "time", 1, "courant")
+      t%growth = real_of(scene, "time", 1, "growth")
+      t%smallest = real_of(scene, "time", 1, "smallest_step")
+      t%max_steps = integer_of(scene, "time", 1, "max_steps")
+      c = 0.0_wp
+      do m = 1, size(s%engine%laws)
+        c = max(c, s%engine%laws(m)%law%initial_speed())
+      end do
+      s%rate = c
+      select case (word_of(scene, "time", 1, "step_rule"))
+      case ("uniform")
+        t%rule = rule_uniform
+        if (is_given(scene, "time", 1, "steps")) then
+          n = integer_of(scene, "time", 1, "steps")
+        else
+          n = max(1, ceiling(t%end*c/(t%courant*s%engine%grid%spacing) - 1.0e-9_wp))
+        end if
+        t%step = t%end/n
+      case ("fixed")
+        t%rule = rule_fixed
+        t%step = real_of(scene, "time", 1, "step")
+      case default
+        t%rule = rule_adaptive
+      end select
+    end associate
+  end subroutine set_up_time
+
+end module gimp_setup

@@ -1,0 +1,28 @@
+!> The body force that makes a manufactured solution exact, as the transfers ask for it
+module gimp_solution_force
+  use gimp_kinds, only: wp, lanes
+  use gimp_engine, only: body_force_t
+  use gimp_verification, only: verification_t, body_force
+  implicit none(type, external)
+  private
+  public :: solution_force_t
+
+  !> Body force of an exact solution
+  type, extends(body_force_t) :: solution_force_t
+    type(verification_t) :: solution
+  contains
+    procedure :: evaluate
+  end type solution_force_t
+
+contains
+
+  !> Body force of the lanes of a chunk [m/s2]
+  pure subroutine evaluate(self, t, x, b)
+    class(solution_force_t), intent(in) :: self
+    real(wp), intent(in) :: t !! [s]
+    real(wp), intent(in) :: x(lanes, 3) !! reference position [m]
+    real(wp), intent(out) :: b(lanes, 3)
+    call body_force(self%solution, t, x, b)
+  end subroutine evaluate
+
+end module gimp_solution_force

@@ -1,0 +1,94 @@
+"""Every scene of tests/bad_inputs is refused with exit code 2 and its messages, and leaves nothing behind.
+
+The first lines of a scene say what must be told: `! expect: <part of a message>`, one per mistake. A scene gives exactly as
+many messages as it expects, so that one slip never draws a tail of others.
+"""
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENES = sorted((ROOT / "tests" / "bad_inputs").glob("*.nml"))
+
+
+def expected(scene):
+    return re.findall(r"^! expect: (.*)$", scene.read_bytes().decode(), flags=re.MULTILINE)
+
+
+def snapshot(folder):
+    """All files and folders below a folder, with the content of the files"""
+    return {str(p.relative_to(folder)): p.read_bytes() if p.is_file() else None for p in folder.rglob("*")}
+
+
+def prepare(name, folder):
+    """What some scenes need to find in the working directory"""
+    if name == "output_exists":
+        (folder / "taken.vtkhdf").write_text("a run of yesterday")
+    elif name == "default_output_exists":
+        (folder / "gimp.vtkhdf").write_text("a run of yesterday")
+    elif name == "particle_file_unreadable":
+        (folder / "particles.h5").write_text("this is no HDF5 file")
+    elif name == "output_not_writable":
+        (folder / "locked").mkdir()
+        (folder / "locked").chmod(0o555)
+        if os.access(folder / "locked", os.W_OK):
+            pytest.skip("this user may write everywhere")
+
+
+def check(gimp_x, scene, folder):
+    with scene.open("rb") as text:
+        return subprocess.run([str(gimp_x), "--check"], stdin=text, cwd=folder, capture_output=True, timeout=60)
+
+
+def test_there_are_scenes():
+    assert len(SCENES) >= 45
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.stem)
+def test_is_refused(gimp_x, scene, tmp_path):
+    wanted = expected(scene)
+    assert wanted, "the scene says nothing about its message"
+    prepare(scene.stem, tmp_path)
+    before = snapshot(tmp_path)
+    run = check(gimp_x, scene, tmp_path)
+    told = run.stderr.decode(errors="replace")
+    assert run.returncode == 2, told
+    for message in wanted:
+        assert message in told
+    head = re.search(r"^gimp\.x: (\d+) mistakes? in the scene", told, flags=re.MULTILINE)
+    assert head, told
+    messages = [line for line in told.splitlines() if line.startswith("  ")]
+    assert int(head.group(1)) == len(messages) == len(wanted), told
+    assert snapshot(tmp_path) == before, "something was written"
+
+
+def test_a_run_is_refused_like_a_check(gimp_x, tmp_path):
+    """Without --check the same messages come before anything is written"""
+    scene = ROOT / "tests" / "bad_inputs" / "many_mistakes.nml"
+    with scene.open("rb") as text:
+        run = subprocess.run([str(gimp_x)], stdin=text, cwd=tmp_path, capture_output=True, timeout=60)
+    assert run.returncode == 2
+    assert run.stderr == check(gimp_x, scene, tmp_path).stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_messages_come_through_a_pipe(gimp_x, tmp_path):
+    """A pipe cannot be rewound; the whole text must arrive, also without a last line end"""
+    text = (ROOT / "tests" / "bad_inputs" / "many_mistakes.nml").read_bytes().rstrip(b"\n")
+    run = subprocess.run([str(gimp_x), "--check"], input=text, cwd=tmp_path, capture_output=True, timeout=60)
+    assert run.returncode == 2
+    for message in expected(ROOT / "tests" / "bad_inputs" / "many_mistakes.nml"):
+        assert message in run.stderr.decode()
+
+
+def test_overwrite_is_accepted(gimp_x, tmp_path):
+    """The scene of an existing output is sound once overwrite is set, and a check leaves the file alone"""
+    (tmp_path / "taken.vtkhdf").write_text("a run of yesterday")
+    text = (ROOT / "tests" / "bad_inputs" / "output_exists.nml").read_text()
+    text = text.replace('name = "taken"', 'name = "taken" overwrite = .true.')
+    run = subprocess.run([str(gimp_x), "--check"], input=text.encode(), cwd=tmp_path, capture_output=True, timeout=60)
+    assert run.returncode == 0, run.stderr.decode()
+    assert (tmp_path / "taken.vtkhdf").read_text() == "a run of yesterday"

@@ -1,0 +1,2 @@
+gimp_add_unit_test(basis test_basis)
+gimp_add_unit_test(basis test_domains)

@@ -1,0 +1,2 @@
+gimp_add_unit_test(mesh test_blocks)
+gimp_add_unit_test(mesh test_images)
