@@ -74,8 +74,12 @@ contains
         end do
         if (text(e:e) == ".") e = e - 1
       end if
-      text = text(:e)//"e"//text(mark + 1:mark + 1)//text(mark + 3:)
-      if (text(e + 2:e + 2) == "+") text = text(:e + 1)//text(e + 3:)
+      buffer = text(mark + 2:) ! three digits of the exponent
+      do while (len_trim(buffer) > 2 .and. buffer(1:1) == "0")
+        buffer = buffer(2:)
+      end do
+      if (text(mark + 1:mark + 1) == "-") buffer = "-"//buffer
+      text = text(:e)//"e"//trim(buffer)
     end if
   end function text_of_real
 

@@ -10,7 +10,7 @@ module gimp_nodes
   private
   public :: update_nodes, node_step_t, stage_full, stage_velocity, stage_kick, stage_project
   public :: n_node_sums, book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_cut, &
-    book_cut_momentum, book_reaction, book_pushed, book_impulse
+    book_cut_momentum, book_reaction, book_pushed, book_impulse, book_held
 
   integer, parameter :: stage_full = 1 !! velocity from momentum, then the kick by the forces
   integer, parameter :: stage_velocity = 2 !! velocity from momentum only
@@ -18,10 +18,11 @@ module gimp_nodes
   integer, parameter :: stage_project = 4 !! MUSL: velocity from the new particle velocities
 
   integer, parameter :: book_before = 1, book_after = 2, book_given = 3, book_forces = 4, book_gravity = 5, book_walls = 6, &
-    book_damping = 7, book_cut = 8, book_cut_momentum = 9, book_reaction = 10 !! 10-12: impulse of the sides
+    book_damping = 7, book_cut = 8, book_cut_momentum = 9, book_reaction = 10 !! 10-12: impulse of the sides after the kick
   integer, parameter :: book_pushed = 13 !! work of moving sides on the velocity before the kick
   integer, parameter :: book_impulse = 14 !! 14-16: impulse of gravity and damping
-  integer, parameter :: n_node_sums = 16
+  integer, parameter :: book_held = 17 !! 17-19: impulse of the sides on the velocity before the kick
+  integer, parameter :: n_node_sums = 19
 
   !> What the update of this step needs to know
   type :: node_step_t
@@ -118,7 +119,7 @@ contains
                              (i - 1)/(grid%edge(1)*grid%edge(2))]
     end function node_of
 
-    !> Conditions on a velocity before the kick; the impulse of the sides goes into their reaction
+    !> Conditions on a velocity before the kick. Particles feel it only through the PIC share of the transfer
     subroutine hold(u, book)
       real(wp), intent(inout) :: u(n, 3)
       logical, intent(in) :: book
@@ -129,7 +130,7 @@ contains
         free = u(j, :)
         call constrain(walls, grid, node_of(j), u(j, :))
         if (.not. book) cycle
-        sums(book_reaction:book_reaction + 2) = sums(book_reaction:book_reaction + 2) + real(m(j)*(u(j, :) - free), dp)
+        sums(book_held:book_held + 2) = sums(book_held:book_held + 2) + real(m(j)*(u(j, :) - free), dp)
         sums(book_pushed) = sums(book_pushed) + real(m(j)*sum((u(j, :) - free)*u(j, :)), dp)
       end do
     end subroutine hold

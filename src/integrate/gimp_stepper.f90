@@ -6,6 +6,7 @@ module gimp_stepper
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
   use gimp_timer, only: seconds_now
+  use gimp_accumulator, only: add_to, block_sum
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, has_images
   use gimp_images, only: fold_images, copy_images
   use gimp_engine
@@ -97,7 +98,7 @@ contains
     s%cutoff_mass = s%method%cutoff*maxval(s%engine%particles%p(:, s%engine%particles%mass%first, :))
     call run_pass(s, give_pass(s, s%time), error)
     if (allocated(error)) return
-    s%books%kinetic = sum(s%engine%sums(sum_kinetic, :))
+    s%books%kinetic = block_sum(s%engine%sums(sum_kinetic, :))
     s%books%kinetic_start = s%books%kinetic
     s%books%momentum_start = momentum_of(s)
     s%books%mass = sum(real(s%engine%particles%p(:, s%engine%particles%mass%first, :), dp))
@@ -186,7 +187,7 @@ contains
     call finish_pass(s, last, error)
     if (allocated(error)) return
 
-    kinetic = sum(s%engine%sums(sum_kinetic, :))
+    kinetic = block_sum(s%engine%sums(sum_kinetic, :))
     call close_step(s%books, kinetic + s%removed_kinetic)
     s%books%kinetic = kinetic
     s%step = s%step + 1
@@ -254,8 +255,8 @@ contains
       if (pass%force) s%rate = maxval(engine%peaks(peak_rate, :))
       if (pass%momentum) s%speed = sqrt(maxval(engine%peaks(peak_speed, :)))
       if (pass%strain) s%strain_rate = sqrt(maxval(engine%peaks(peak_strain, :)))
-      s%books%plastic = s%books%plastic + sum(engine%sums(sum_plastic, :))
-      s%books%work_external = s%books%work_external + sum(engine%sums(sum_external, :))
+      s%books%plastic = s%books%plastic + block_sum(engine%sums(sum_plastic, :))
+      s%books%work_external = s%books%work_external + block_sum(engine%sums(sum_external, :))
       s%books%impulse = s%books%impulse + sum(engine%sums(sum_impulse:sum_impulse + 2, :), dim=2)
       s%books%clamped = s%books%clamped + nint(sum(engine%sums(sum_clamped, :)), i8)
       s%books%wide_chunks = s%books%wide_chunks + nint(sum(engine%sums(sum_wide, :)), i8)
@@ -370,7 +371,7 @@ contains
     integer, intent(in) :: stage
     real(wp), intent(in) :: kick
     type(node_step_t) :: step
-    real(dp) :: sums(n_node_sums), start
+    real(dp) :: sums(n_node_sums), carry(n_node_sums), part(n_node_sums), start
     real(wp) :: raw(nf, nodes_per_block)
     integer :: slot, lost
     logical :: loaded, at_once
@@ -385,11 +386,14 @@ contains
     end if
     at_once = .not. (loaded .or. s%engine%spill%n > 0 .or. has_images(s%engine%grid))
     sums = 0.0_dp
+    carry = 0.0_dp
     associate (engine => s%engine, table => s%engine%table)
       if (at_once) then
         do slot = 1, table%slots
           call sum_pads(engine, slot, raw)
-          call update_nodes(step, engine%grid, s%walls, s%held(slot), table%slot_at(:, slot), raw, engine%g(:, :, slot), sums)
+          part = 0.0_dp
+          call update_nodes(step, engine%grid, s%walls, s%held(slot), table%slot_at(:, slot), raw, engine%g(:, :, slot), part)
+          call add_to(sums, carry, part)
         end do
       else
         if (allocated(s%raw)) then
@@ -407,35 +411,34 @@ contains
         end if
         call fold_images(engine%images, table%slots, s%raw)
         do slot = 1, table%slots
+          part = 0.0_dp
           call update_nodes(step, engine%grid, s%walls, s%held(slot), table%slot_at(:, slot), s%raw(:, :, slot), &
-                            engine%g(:, :, slot), sums)
+                            engine%g(:, :, slot), part)
+          call add_to(sums, carry, part)
         end do
         call copy_images(engine%images, table%slots, engine%g)
       end if
       if (loaded) s%books%impulse = s%books%impulse + kick*sum(s%loads%f(:, :s%loads%n), dim=2)
       if (loaded) s%books%work_external = s%books%work_external + work_of_loads(s%loads, engine, table%slots, engine%g, kick)
     end associate
-    call book_stage(s%books, stage, kick, sums)
+    call book_stage(s%books, stage, kick, 1.0_wp - s%method%flip, sums + carry)
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
   end subroutine nodal_stage
 
   !> Carry the sums of a stage into the books
-  pure subroutine book_stage(books, stage, kick, sums)
+  pure subroutine book_stage(books, stage, kick, pic, sums)
     type(books_t), intent(inout) :: books
     integer, intent(in) :: stage
     real(wp), intent(in) :: kick
+    real(wp), intent(in) :: pic !! share of PIC: only so much of the held velocity reaches the particles
     real(dp), intent(in) :: sums(n_node_sums)
     if (stage == stage_full .or. stage == stage_velocity) then
       books%given = sums(book_given)
-      books%work_pushed = sums(book_pushed)
+      books%work_pushed = pic*sums(book_pushed)
       books%cut_nodes = books%cut_nodes + nint(sums(book_cut), kind(books%cut_nodes))
       books%cut_momentum = books%cut_momentum + sums(book_cut_momentum)
-      books%reaction = sums(book_reaction:book_reaction + 2)/kick
-      books%impulse = books%impulse + sums(book_reaction:book_reaction + 2)
-    end if
-    if (stage == stage_kick) then
-      books%reaction = books%reaction + sums(book_reaction:book_reaction + 2)/kick
-      books%impulse = books%impulse + sums(book_reaction:book_reaction + 2)
+      books%reaction = pic*sums(book_held:book_held + 2)/kick
+      books%impulse = books%impulse + pic*sums(book_held:book_held + 2)
     end if
     if (stage == stage_full .or. stage == stage_kick) then
       books%grid_before = sums(book_before)
@@ -444,7 +447,8 @@ contains
       books%work_gravity = sums(book_gravity)
       books%work_walls = sums(book_walls)
       books%work_damping = sums(book_damping)
-      books%impulse = books%impulse + sums(book_impulse:book_impulse + 2)
+      books%reaction = books%reaction + sums(book_reaction:book_reaction + 2)/kick
+      books%impulse = books%impulse + sums(book_reaction:book_reaction + 2) + sums(book_impulse:book_impulse + 2)
     end if
   end subroutine book_stage
 
