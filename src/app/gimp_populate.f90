@@ -47,7 +47,7 @@ contains
     end do
     call fill_bodies(scene%dimension, s%engine%grid%lower, s%engine%grid%spacing, s%engine%grid%cells, bodies, population%fill, &
                      problem)
-    if (allocated(problem)) call add_error(error, problem%message)
+    if (allocated(problem)) call tell_fill(scene, bodies, problem%message, error)
     do b = 1, n
       if (word_of(scene, "body", b, "shape") /= "file") cycle
       call read_particle_file(text_of_key(scene, "body", b, "file"), scene%dimension, population%table(b), problem)
@@ -67,6 +67,31 @@ contains
     end do
     if (population%n == 0) call raise(error, "the scene holds no particle")
   end subroutine count_particles
+
+  !> The fill begins its messages, one a line, with "&body N 'name': "; the author of the scene is told the line of the group
+  subroutine tell_fill(scene, bodies, message, error)
+    type(scene_t), intent(in) :: scene
+    type(fill_body_t), intent(in) :: bodies(:)
+    character(len=*), intent(in) :: message
+    type(error_t), allocatable, intent(inout) :: error
+    character(len=:), allocatable :: title, rest, this
+    integer :: b, cut
+    rest = message//new_line("a")
+    do while (len(rest) > 0)
+      cut = index(rest, new_line("a"))
+      this = rest(:cut - 1)
+      rest = rest(cut + 1:)
+      do b = 1, size(bodies)
+        title = "&body "//text_of(b)//" '"//trim(bodies(b)%name)//"': "
+        if (index(this, title) == 1) exit
+      end do
+      if (b <= size(bodies)) then
+        call complain(error, scene, "body", b, "", this(len(title) + 1:))
+      else
+        call add_error(error, this)
+      end if
+    end do
+  end subroutine tell_fill
 
   !> Particles of a file must lie in the box
   subroutine check_inside(scene, s, b, table, error)

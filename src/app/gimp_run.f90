@@ -4,6 +4,7 @@ module gimp_run
   use gimp_error, only: error_t, add_error
   use gimp_timer, only: seconds_now
   use gimp_scene, only: scene_t, count_groups, word_of, text_of_key, reals_of, complain
+  use gimp_file_system, only: folder_of, folder_writable
   use gimp_verification, only: verification_t
   use gimp_measures, only: nearest_particle
   use gimp_loads, only: load_point
@@ -44,6 +45,7 @@ contains
       call count_particles(run%scene, run%stepper, population, problem)
       if (allocated(problem)) call add_error(error, problem%message)
     end if
+    call check_folder(run%scene, error)
     if (allocated(error)) return
     call populate(run%scene, run%stepper, run%solution, population, error)
     if (allocated(error)) return
@@ -52,6 +54,16 @@ contains
     if (allocated(error)) return
     run%costs%setup = seconds_now() - start
   end subroutine prepare
+
+  !> Better told now than after the particles are made
+  subroutine check_folder(scene, error)
+    type(scene_t), intent(in) :: scene
+    type(error_t), allocatable, intent(inout) :: error
+    character(len=:), allocatable :: folder
+    folder = folder_of(text_of_key(scene, "output", 1, "name"))
+    if (.not. folder_writable(folder)) &
+      call complain(error, scene, "output", 1, "name", "no file can be made in the folder "//folder)
+  end subroutine check_folder
 
   !> A point force acts on the particle of its body that is nearest to the point
   subroutine place_point_loads(run, population, error)

@@ -51,8 +51,17 @@ contains
     integer(i8), intent(in) :: key
     integer, intent(in) :: fresh
     integer, intent(out) :: value
-    integer(i8) :: slot
     if (2_i8*(table%n + 1) > table%mask + 1) call grow(table)
+    call place_key(table, key, fresh, value)
+  end subroutine insert_key
+
+  !> Insert where there is room
+  pure subroutine place_key(table, key, fresh, value)
+    type(hash_table_t), intent(inout) :: table
+    integer(i8), intent(in) :: key
+    integer, intent(in) :: fresh
+    integer, intent(out) :: value
+    integer(i8) :: slot
     slot = iand(mix_bits(key), table%mask)
     do
       if (table%key(slot) == key) then
@@ -66,7 +75,7 @@ contains
     table%value(slot) = fresh
     table%n = table%n + 1
     value = fresh
-  end subroutine insert_key
+  end subroutine place_key
 
   !> The value of a key, 0 when the table does not have it
   pure integer function find_key(table, key) result(value)
@@ -99,7 +108,7 @@ contains
     table%key = empty
     table%n = 0
     do k = lbound(keys, 1, i8), ubound(keys, 1, i8)
-      if (keys(k) /= empty) call insert_key(table, keys(k), values(k), ignored)
+      if (keys(k) /= empty) call place_key(table, keys(k), values(k), ignored)
     end do
   end subroutine grow
 

@@ -505,12 +505,7 @@ contains
   pure subroutine check_verification(scene, mistakes)
     type(scene_t), intent(in) :: scene
     type(mistakes_t), intent(inout) :: mistakes
-    integer :: found
     if (count_groups(scene, "verification") == 0) return
-    if (is_given(scene, "verification", 1, "body") .and. usable(scene, "verification", 1, "body")) then
-      if (text_of_key(scene, "verification", 1, "body") /= "") &
-        call look_up(scene, "verification", 1, "body", "body", found, mistakes)
-    end if
     call check_order(scene, "verification", 1, "inner_radius", "outer_radius", mistakes)
     if (.not. usable(scene, "verification", 1, "solution") .or. scene%dimension == 0) return
     select case (word_of(scene, "verification", 1, "solution"))

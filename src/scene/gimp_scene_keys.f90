@@ -187,7 +187,7 @@ contains
     character(len=*), parameter :: g = "body"
     character(len=*), parameter :: filled = "operation=add shape=box|sphere|cylinder|ring|polygon"
     character(len=*), parameter :: resting = filled//" initial=rest"
-    call add(t, n, g, "name", kind_text, "what loads and &verification call it; unique", most=word_most, required=.true.)
+    call add(t, n, g, "name", kind_text, "what loads call it; unique", most=word_most, required=.true.)
     call add(t, n, g, "material", kind_text, "name of a &material; a body that is subtracted needs none", most=word_most, &
              required=.true., needed_when="operation=add")
     call add(t, n, g, "shape", kind_word, "form of the region", required=.true., &
@@ -357,8 +357,6 @@ contains
     character(len=*), parameter :: g = "verification"
     call add(t, n, g, "solution", kind_word, "the exact solution", required=.true., words="vibrating_bar axis_aligned "// &
              "vortex expanding_ring self_weight_column rigid_translation rigid_rotation")
-    call add(t, n, g, "body", kind_text, "name of the &body it is compared with; empty: all", most=word_most, &
-             empty_default=.true.)
     call add(t, n, g, "amplitude", kind_real, "amplitude of the motion: m, for the vortex rad", range="(0,)", &
              default="?solution axis_aligned=0.05 vortex=0.1 expanding_ring=0.1", &
              when="solution=axis_aligned|vortex|expanding_ring")

@@ -117,16 +117,17 @@ contains
   subroutine some_blocks(dim, n, round, at)
     integer, intent(in) :: dim, n, round
     integer, allocatable, intent(out) :: at(:, :)
-    integer :: found(3, n), k, tries, m
+    integer :: found(3, n), k, m, seed, range
     integer, allocatable :: order(:)
     integer(i8) :: keys(n)
+    range = merge(200, merge(17, 6, dim == 2), dim == 1)
+    seed = 99 + round
     m = 0
-    tries = 0
     do while (m < n)
-      tries = tries + 1
       found(:, m + 1) = 0
       do k = 1, dim
-        found(k, m + 1) = modulo(tries*(37 + 12*k + 2*round) + tries*tries*k, merge(200, merge(17, 6, dim == 2), dim == 1)) - 3
+        seed = modulo(16807*modulo(seed, 127773) - 2836*(seed/127773), 2147483647)
+        found(k, m + 1) = int(range*(seed/2147483647.0_wp)) - 3
       end do
       if (any([(all(found(:, k) == found(:, m + 1)), k=1, m)])) cycle
       m = m + 1

@@ -96,7 +96,7 @@ contains
     call check(size(reals_of(scene, "body", 1, "rotation_center")), 0, "no default to tell")
     call check_true(.not. is_given(scene, "body", 1, "rotation_center"), "and not given")
     call check(size(reals_of(scene, "output", 1, "probes")), 0, "no probes")
-    call check(text_of_key(scene, "verification", 1, "body"), "", "an empty default")
+    call check(text_of_key(scene, "scene", 1, "title"), "", "an empty default")
   end subroutine test_defaults
 
   !> Defaults that follow the dimension
