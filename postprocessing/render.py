@@ -104,6 +104,8 @@ class Painter:
             place = {"cax": figure.add_axes([1 - 1.05/width, 0.18, 0.16/width, 0.6])}
         bar = figure.colorbar(ScalarMappable(**self.colours), label=self.label, **place)
         bar.formatter.set_useOffset(False)
+        bar.formatter.set_powerlimits((-3, 4))  # not "800000"
+        bar.update_ticks()
         return figure, axes[:count]
 
     def paint(self, axes, number, outer=True):
@@ -160,7 +162,10 @@ class Painter:
         axes.set(xlim=(self.low[0], self.high[0]), ylim=(norm.vmin - margin, norm.vmax + margin), xlabel="x [m]",
                  ylabel=self.label)
         axes.grid(True, color="0.9")
-        axes.legend(loc="best", fontsize=8) if len(list(numbers)) <= 12 else None
+        if len(list(numbers)) <= 4:
+            axes.legend(loc="best", fontsize=8)
+        elif len(list(numbers)) <= 16:  # beside the curves, which so many entries would cover
+            axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=8, frameon=False)
         axes.set_title(self.title, fontsize=12)
         return figure
 
