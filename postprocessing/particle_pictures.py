@@ -10,7 +10,8 @@ AXES = ("x", "y", "z")
 SYMMETRIC = ("xx", "yy", "zz", "xy", "yz", "zx")  # order of the stress components
 FULL = tuple(a + b for a in AXES for b in AXES)  # row by row: xx xy xz yx ...
 SHAPE_FIELDS = ("deformation_gradient", "half_length", "volume", "jacobian")  # what shapes are made of, if it is there
-TOO_SMALL_TO_OUTLINE = 20000  # particles; edges of more would only blacken the picture
+TOO_SMALL_TO_OUTLINE = 5000  # particles in all panels; edges of more make a pattern of their own
+TOO_MANY_TO_DRAW_AS_LINES = 20000  # particles; more make pdf and svg too large
 
 
 # ------------------------------------------------------------------------------------------------------ values
@@ -147,12 +148,14 @@ def outlines(frame, first, setting, shape="square"):
 # ----------------------------------------------------------------------------------------------------- drawing
 
 
-def draw_2d(axes, frame, values, first, setting, colours, shape="square"):
+def draw_2d(axes, frame, values, first, setting, colours, shape="square", panels=1):
     """The particles in the plane; returns what a colour bar needs"""
     polygons = outlines(frame, first, setting, shape)
-    edge = "face" if len(frame) > TOO_SMALL_TO_OUTLINE or shape == "ellipse" else (1, 1, 1, 0.35)
-    drawn = PolyCollection(polygons, array=values, edgecolors=edge, linewidths=0.15, **colours)
-    drawn.set_rasterized(len(frame) > TOO_SMALL_TO_OUTLINE)
+    plain = panels*len(frame) > TOO_SMALL_TO_OUTLINE or shape == "ellipse"
+    # edges in the colour of the face close the hair lines between neighbours
+    drawn = PolyCollection(polygons, array=values, edgecolors="face" if plain else (1, 1, 1, 0.35),
+                           linewidths=0.3 if plain else 0.15, **colours)
+    drawn.set_rasterized(len(frame) > TOO_MANY_TO_DRAW_AS_LINES)
     axes.add_collection(drawn)
     return drawn
 
@@ -222,6 +225,12 @@ def colour_range(values, signed, limits=None):
     if high - low > 1e-6*largest:
         return low, high
     return low - 0.01*largest - (largest == 0), high + 0.01*largest + (largest == 0)  # constant: do not show round-off
+
+
+def beyond(values, low, high):
+    """Which ends of the colour bar get an arrow, because some value lies beyond them"""
+    below, above = (any(np.any(test) for test in tests) for tests in ([v < low for v in values], [v > high for v in values]))
+    return {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
 
 
 def colour_map(name, signed, low, high):

@@ -69,6 +69,7 @@ class Painter:
         limits = pictures.colour_range(self.values, self.signed, arguments.limits)
         name = pictures.colour_map(arguments.colormap, self.signed, *limits)
         self.colours = {"cmap": matplotlib.colormaps[name], "norm": Normalize(*limits)}
+        self.beyond = pictures.beyond(self.values, *limits)
         self.low, self.high = pictures.extent_of(self.frames, self.first, self.setting, arguments.box)
         self.title = self.setting.title if arguments.title is None else arguments.title
         self.screen = None
@@ -102,7 +103,7 @@ class Painter:
             figure.subplots_adjust(left=0.01, right=1 - (1.75 if count == 1 else 1.35)/width, bottom=0.05,
                                    top=1 - 0.6/height, wspace=0.05, hspace=0.15)
             place = {"cax": figure.add_axes([1 - 1.05/width, 0.18, 0.16/width, 0.6])}
-        bar = figure.colorbar(ScalarMappable(**self.colours), label=self.label, **place)
+        bar = figure.colorbar(ScalarMappable(**self.colours), label=self.label, extend=self.beyond, **place)
         bar.formatter.set_useOffset(False)
         bar.formatter.set_powerlimits((-3, 4))  # not "800000"
         bar.update_ticks()
@@ -113,7 +114,8 @@ class Painter:
         frame, values = self.frames[number], self.values[number]
         axes.set_title(self.time_label(frame), fontsize=10)
         if self.setting.dimension == 2:
-            pictures.draw_2d(axes, frame, values, self.first, self.setting, self.colours, self.arguments.shape)
+            pictures.draw_2d(axes, frame, values, self.first, self.setting, self.colours, self.arguments.shape,
+                             1 if self.arguments.animate else len(self.frames))
             axes.set(xlim=(self.low[0], self.high[0]), ylim=(self.low[1], self.high[1]), aspect="equal", xlabel="x [m]")
             axes.set_ylabel("y [m]" if outer else "")
             axes.tick_params(labelleft=outer, labelsize=8)

@@ -4,6 +4,12 @@ import pyvista
 
 import particle_pictures as pictures
 
+try:  # without a display VTK complains on every picture, and then draws it all the same
+    from vtkmodules.vtkCommonCore import vtkLogger
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+except ImportError:  # an older VTK has no logger
+    pass
+
 SOLID = 60000  # up to so many particles are drawn as deformed boxes, more as shaded dots
 FACES = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
 

@@ -224,7 +224,7 @@ contains
       call add_field(p, "deformation", d*d, p%deformation)
       call add_field(p, "mass", 1, p%mass)
       call add_field(p, "volume", 1, p%volume)
-      fields = texts_of(scene, "output", 1, "fields")
+      allocate (fields, source=texts_of(scene, "output", 1, "fields"))
       reference = count_groups(scene, "verification") > 0
       do k = 1, size(fields)
         reference = reference .or. needs_reference(trim(fields(k)))

@@ -78,7 +78,7 @@ contains
       do while (len_trim(buffer) > 2 .and. buffer(1:1) == "0")
         buffer = buffer(2:)
       end do
-      if (text(mark + 1:mark + 1) == "-") buffer = "-"//buffer
+      if (text(mark + 1:mark + 1) == "-") buffer = "-"//buffer(:39)
       text = text(:e)//"e"//trim(buffer)
     end if
   end function text_of_real

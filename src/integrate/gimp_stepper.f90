@@ -9,13 +9,16 @@ module gimp_stepper
   use gimp_accumulator, only: add_to, block_sum
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, has_images
   use gimp_images, only: fold_images, copy_images
-  use gimp_engine
+  use gimp_engine, only: engine_t, pass_t, sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, &
+    peak_rate, peak_speed, peak_strain, fate_fine, fate_inverted, fate_outside, fate_jumped
   use gimp_particle_pass, only: particle_pass
   use gimp_pads, only: sum_pads, add_spills
   use gimp_resort, only: sort_particles
   use gimp_walls, only: walls_t, walls_near, move_walls, side_free
   use gimp_loads, only: loads_t, gravity_at, collect_loads, add_loads, work_of_loads
-  use gimp_nodes
+  use gimp_nodes, only: update_nodes, node_step_t, stage_full, stage_velocity, stage_kick, stage_project, n_node_sums, &
+    book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_cut, book_cut_momentum, &
+    book_reaction, book_pushed, book_impulse, book_held
   use gimp_books, only: books_t, close_step
   use gimp_step_size, only: time_options_t, next_step
   implicit none(type, external)

@@ -107,7 +107,6 @@ contains
   pure function pad_edge(dim, basis) result(n)
     integer, intent(in) :: dim, basis
     integer :: n(3)
-    type(grid_t) :: grid
     n = 1
     select case (dim)
     case (1); n(1) = 64 + support_width(basis) - 1 + 2*drift

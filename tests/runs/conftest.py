@@ -16,6 +16,23 @@ import gimp_files  # noqa: E402
 import namelist  # noqa: E402
 
 
+def pytest_addoption(parser):
+    parser.addoption("--long", action="store_true", help="also run the tests that take minutes")
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "long: takes minutes; runs with --long only")
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--long"):
+        return
+    long = [item for item in items if item.get_closest_marker("long")]
+    items[:] = [item for item in items if not item.get_closest_marker("long")]
+    if long:
+        config.hook.pytest_deselected(items=long)
+
+
 @dataclass
 class Run:
     """One run of gimp.x: how it ended, and its output file, read when asked for"""

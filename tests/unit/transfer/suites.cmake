@@ -1,0 +1,11 @@
+# Engines made without a scene, for the suites of transfer and of the rooms above it
+if(TARGET gimp_transfer AND NOT TARGET gimp_engine_fixture)
+  add_library(gimp_engine_fixture STATIC unit/transfer/gimp_engine_fixture.f90)
+  set_target_properties(gimp_engine_fixture PROPERTIES Fortran_MODULE_DIRECTORY "${CMAKE_BINARY_DIR}/modules/tests/fixture")
+  target_include_directories(gimp_engine_fixture PUBLIC "${CMAKE_BINARY_DIR}/modules/tests/fixture")
+  target_link_libraries(gimp_engine_fixture PUBLIC gimp_transfer)
+endif()
+gimp_add_unit_test(transfer test_kernels USES engine_fixture)
+gimp_add_unit_test(transfer test_passes USES engine_fixture)
+gimp_add_unit_test(transfer test_forces USES engine_fixture)
+gimp_add_unit_test(transfer test_sort USES engine_fixture)
