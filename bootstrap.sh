@@ -256,7 +256,7 @@ case ${1:-help} in
     input=${2:-$root/inputs/two_disks.nml}
     picture=(--field velocity --component magnitude) # of the last frame
     # the demonstration as a strip: apart, at contact, flattest, after it
-    [[ $# -ge 2 ]] || picture=(--field von_mises --frames "5,17,20,36")
+    [[ $# -ge 2 ]] || picture=(--field von_mises --frames "5,17,20,36" --limits 0 300 --dpi 100)
     [[ $input == /* ]] || input=$called_from/$input
     [[ -f $input && -r $input ]] || die "no such scene: $input"
     # shellcheck disable=SC2086 # one word per module

@@ -29,7 +29,7 @@ def parse_arguments(words=None):
     parser.add_argument("file", help="output file of a run, NAME.vtkhdf")
     parser.add_argument("--momentum", action="store_true", help="also draw momentum and angular momentum")
     parser.add_argument("--columns", help="draw these columns of the history instead, comma between")
-    parser.add_argument("--list", action="store_true", help="print the columns with unit and last value, draw nothing")
+    parser.add_argument("--list", action="store_true", help="print first, least, largest and last value of each column, draw nothing")
     parser.add_argument("--output", metavar="FILE", help="picture to write (default: NAME.history.png)")
     parser.add_argument("--title", help="title (default: that of the scene)")
     parser.add_argument("--dpi", type=float, default=150, help="dots per inch (default: 150)")
@@ -142,8 +142,12 @@ def main(words=None):
     if "time" not in table or len(table["time"]) == 0:
         raise gf.GimpError(f"{arguments.file}: the history has no complete row yet")
     if arguments.list:
+        print(f"{'column':28s} {'unit':8s} {'first':>13s} {'least':>13s} {'at t [s]':>10s} {'largest':>13s} {'at t [s]':>10s} "
+              f"{'last':>13s}")
         for name, values in table.items():
-            print(f"{name:28s} {units.get(name, ''):10s} {values[-1]:.6g}")
+            low, high = table["time"][np.argmin(values)], table["time"][np.argmax(values)]
+            print(f"{name:28s} {units.get(name, ''):8s} {values[0]:13.6g} {np.min(values):13.6g} {low:10.4g} "
+                  f"{np.max(values):13.6g} {high:10.4g} {values[-1]:13.6g}")
         return 0
     columns = [w.strip() for w in arguments.columns.split(",")] if arguments.columns else ()
     title = arguments.title if arguments.title is not None else gf.setting(arguments.file).title

@@ -21,9 +21,9 @@ module gimp_basis
   !> Nodes with their weights and gradients
   type :: weight_list_t
     integer :: n = 0
-    integer :: node(3, most_nodes) = 0 !! relative to the origin that positions refer to
-    real(wp) :: s(most_nodes) = 0.0_wp
-    real(wp) :: g(3, most_nodes) = 0.0_wp !! [1/spacing]
+    integer :: node(3, most_nodes) !! relative to the origin that positions refer to
+    real(wp) :: s(most_nodes)
+    real(wp) :: g(3, most_nodes) !! [1/spacing]
   end type weight_list_t
 
 contains

@@ -23,10 +23,10 @@ contains
     text = "gimp.x: the material point method, from one input to one output file"//nl//nl// &
       "usage"//nl// &
       "  gimp.x < scene.nml           run the scene"//nl// &
-      "  gimp.x --check < scene.nml   only check it: tells every mistake, writes nothing"//nl// &
-      "  gimp.x --help                this page"//nl// &
-      "  gimp.x --help GROUP          every key of a group"//nl// &
-      "  gimp.x --version             version, commit, compiler"//nl//nl// &
+      "  gimp.x --check < scene.nml   only check it: tells every mistake, or what the run will cost; writes nothing"//nl// &
+      "  gimp.x --help [GROUP]        this page; with a group, its keys"//nl// &
+      "  gimp.x --reference           all groups and keys as Markdown (docs/input-reference.md)"//nl// &
+      "  gimp.x --version             version, commit, kind of build"//nl//nl// &
       "groups of a scene"//nl
     planned = ""
     do g = 1, size(groups)
@@ -38,9 +38,9 @@ contains
       "a scene is namelist text: &group key = value, value key = ""word"" ! comment"//nl// &
       "and a slash at the end of each group; units are SI, angles in degrees only where said"//nl//nl// &
       "exit codes"//nl// &
-      "  0  done"//nl// &
+      "  0  done, also when max_steps ended the run"//nl// &
       "  1  the run failed; the frames written so far stay"//nl// &
-      "  2  bad input; nothing was written"//nl
+      "  2  bad input; nothing was run"
   end subroutine help_text
 
   !> The keys of a group

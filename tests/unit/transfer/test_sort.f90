@@ -1,9 +1,8 @@
 !> The sort: every particle once, in the order of block, material, cell and number, whatever the order they came in
 program test_sort
   use gimp_kinds, only: wp, i8, lanes
-  use gimp_grid, only: block_key, nodes_per_block
   use gimp_basis, only: basis_linear, basis_ugimp, basis_cpgimp
-  use gimp_engine
+  use gimp_engine, only: engine_t, pass_t
   use gimp_resort, only: sort_particles
   use gimp_particle_pass, only: particle_pass
   use gimp_images, only: fold_images
