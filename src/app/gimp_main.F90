@@ -2,6 +2,7 @@
 program gimp_main
   use gimp_error, only: error_t, report_lines
   use gimp_text, only: text_of
+  use gimp_file_system, only: file_exists
   use gimp_scene, only: read_scene, help_text, group_help, write_reference
   use gimp_run, only: run_t, prepare, check_only, run_scene
   use gimp_report, only: build_t
@@ -55,8 +56,7 @@ program gimp_main
     if (.not. failed) call tell_mistakes()
     flush (output_unit)
     write (error_unit, "(a)") "gimp.x: the run failed: "//error%message
-    write (error_unit, "(a)") "  committed frames are in "//run%recorder%path//", the failed state in "//run%recorder%name &
-      //".failed.h5"
+    call tell_what_is_left()
     stop 1, quiet=.true.
   end if
 
@@ -77,6 +77,20 @@ contains
     write (error_unit, "(a)") "  "//error%message(from:)
     stop 2, quiet=.true.
   end subroutine tell_mistakes
+
+  !> Where to look after a failure, and only what is really there
+  subroutine tell_what_is_left()
+    if (file_exists(run%recorder%path)) then
+      write (error_unit, "(a)") "  committed frames are in "//run%recorder%path
+    else
+      write (error_unit, "(a)") "  no frame was committed"
+    end if
+    if (run%has_failed_state) then
+      write (error_unit, "(a)") "  the failed state is in "//run%recorder%name//".failed.h5"
+    else
+      write (error_unit, "(a)") "  the failed state could not be written"
+    end if
+  end subroutine tell_what_is_left
 
   !> A command line that is not understood
   subroutine refuse(message)

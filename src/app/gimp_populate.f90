@@ -54,7 +54,7 @@ contains
       if (allocated(problem)) then
         call complain(error, scene, "body", b, "file", problem%message)
       else
-        call check_inside(scene, s, b, population%table(b), error)
+        call check_table(scene, s, b, population%table(b), error)
       end if
     end do
     if (allocated(error)) return
@@ -93,14 +93,14 @@ contains
     end do
   end subroutine tell_fill
 
-  !> Particles of a file must lie in the box
-  subroutine check_inside(scene, s, b, table, error)
+  !> Particles of a file must lie in the box, uninverted and of some width; the first that does not is told
+  subroutine check_table(scene, s, b, table, error)
     type(scene_t), intent(in) :: scene
     type(stepper_t), intent(in) :: s
     integer, intent(in) :: b
     type(particle_table_t), intent(in) :: table
     type(error_t), allocatable, intent(inout) :: error
-    real(wp) :: x
+    real(wp) :: x, f(9)
     integer(i8) :: i
     integer :: k
     do i = 1, table%n
@@ -110,8 +110,21 @@ contains
         call complain(error, scene, "body", b, "file", "particle "//text_of(i)//" lies outside the box of &grid")
         return
       end do
+      if (allocated(table%deformation_gradient)) then
+        f(:scene%dimension**2) = table%deformation_gradient(:, i)
+        if (determinant_of(scene%dimension, f) <= 0.0_wp) then
+          call complain(error, scene, "body", b, "file", "particle "//text_of(i) &
+                        //" is inverted: its deformation_gradient must have a positive determinant")
+          return
+        end if
+      end if
+      if (.not. allocated(table%half_length)) cycle
+      if (any(table%half_length(:, i) <= 0.0_wp)) then
+        call complain(error, scene, "body", b, "file", "half_length of particle "//text_of(i)//" must be positive")
+        return
+      end if
     end do
-  end subroutine check_inside
+  end subroutine check_table
 
   !> A body of the scene in the words of the fill
   subroutine describe_body(scene, b, body)

@@ -3,6 +3,7 @@ module gimp_recorder
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_error, only: error_t
   use gimp_text, only: text_of
+  use gimp_file_system, only: delete_file
   use gimp_scene, only: scene_t, echo_scene, real_of, reals_of, integer_of, logical_of, word_of, text_of_key, texts_of, is_given
   use gimp_output_file, only: output_file_t, open_output, close_output
   use gimp_vtkhdf, only: frames_t, open_frames, begin_frame, add_field, end_frame
@@ -67,6 +68,10 @@ contains
     call open_output(recorder%path, logical_of(scene, "output", 1, "overwrite"), recorder%output, error)
     if (allocated(error)) return
     call echo_scene(scene, complete)
+    if (logical_of(scene, "output", 1, "overwrite")) then ! the failed state of a run that is replaced would mislead
+      call delete_file(recorder%name//".failed.h5", error)
+      if (allocated(error)) return
+    end if
     call write_scene(recorder%output, scene%original, complete, error)
     if (allocated(error)) return
     call open_frames(recorder%output, word_of(scene, "output", 1, "precision"), recorder%frames, error)
@@ -273,6 +278,7 @@ contains
     character(len=*), intent(in) :: reason
     type(error_t), allocatable, intent(out) :: error
     type(particle_table_t) :: table
+    type(error_t), allocatable :: ignored
     integer(i8), allocatable :: rank(:, :)
     real(wp) :: x(lanes, 3), f(lanes, 9), sigma(lanes, 6), j(lanes)
     integer :: g, c, l, d, i, k
@@ -308,6 +314,7 @@ contains
       end do
     end associate
     call write_particle_file(recorder%name//".failed.h5", table, error, reason=reason, step=s%step, time=real(s%time, dp))
+    if (allocated(error)) call delete_file(recorder%name//".failed.h5.part", ignored)
   end subroutine record_failure
 
 end module gimp_recorder

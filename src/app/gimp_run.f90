@@ -28,6 +28,7 @@ module gimp_run
     type(recorder_t) :: recorder
     type(costs_t) :: costs
     integer(i8), allocatable :: body_first(:)
+    logical :: has_failed_state = .false. !! NAME.failed.h5 was written; a full disk may prevent it
   end type run_t
 
 contains
@@ -119,6 +120,7 @@ contains
     call end_progress(progress)
     if (allocated(error)) then
       call record_failure(run%recorder, run%stepper, error%message, ignored)
+      run%has_failed_state = .not. allocated(ignored)
       call write_closing(build, run%stepper, run%recorder, run%costs, "failed", ignored)
       call close_recorder(run%recorder, ignored)
       return

@@ -4,7 +4,7 @@
 !> afterwards the image takes that node's values. Any number of cells is allowed on a periodic axis.
 module gimp_images
   use gimp_kinds, only: wp
-  use gimp_grid, only: grid_t, nodes_per_block, fields_per_node, has_images, canonical_node, block_of_node
+  use gimp_grid, only: grid_t, nodes_per_block, fields_per_node, node_mass, has_images, canonical_node, block_of_node
   use gimp_blocks, only: block_table_t, slot_of_node, node_in_block
   implicit none(type, external)
   private
@@ -98,7 +98,7 @@ contains
     end do
   end subroutine fold_images
 
-  !> Give images the values of the nodes they stand for
+  !> Give images the values of the nodes they stand for, but no mass: no sum over nodes may count them again
   pure subroutine copy_images(images, slots, g)
     type(image_t), intent(in) :: images(:)
     integer, intent(in) :: slots
@@ -107,6 +107,7 @@ contains
     do k = 1, size(images)
       associate (i => images(k))
         g(:, i%place, i%slot) = i%sign*g(:, i%target_place, i%target_slot)
+        g(node_mass, i%place, i%slot) = 0.0_wp
       end associate
     end do
   end subroutine copy_images

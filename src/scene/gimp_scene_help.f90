@@ -109,7 +109,8 @@ contains
     do g = 1, size(groups)
       if (groups(g)%planned) cycle
       write (unit, "(a)") "", "## `&"//trim(groups(g)%name)//"`", "", sentence(trim(groups(g)%purpose))//" Stands "// &
-        how_often(groups(g))//".", "", "| key | values | unit | default | meaning |", "| --- | --- | --- | --- | --- |"
+        how_often(groups(g))//times(groups(g))//".", "", "| key | values | unit | default | meaning |", &
+        "| --- | --- | --- | --- | --- |"
       do k = 1, size(keys)
         if (keys(k)%group == groups(g)%name) write (unit, "(a)") reference_row(keys(k))
       end do
@@ -153,6 +154,16 @@ contains
       if (group%least == 1) text = "one or more"
     end if
   end function how_often
+
+  !> What makes "any number" and "one or more" the end of a sentence
+  pure function times(group) result(text)
+    type(group_t), intent(in) :: group
+    character(len=:), allocatable :: text
+    text = ""
+    if (group%planned .or. group%most == 1) return
+    text = " of times"
+    if (group%least == 1) text = " times"
+  end function times
 
   !> Type and number of values
   pure function kind_words(key) result(text)

@@ -44,6 +44,13 @@ def prepare(name, folder):
         write_particles(folder / "particles.h5", position=[[0.5, 0.5]], volume=[0.01])
     elif name == "particle_of_file_outside":
         write_particles(folder / "particles.h5", position=[[0.5, 0.5], [0.5, 1.5]], volume=[0.01]*2, mass=[10.0]*2)
+    elif name == "particle_of_file_inverted":
+        write_particles(folder / "particles.h5", position=[[0.5, 0.5]], volume=[0.01], mass=[10.0],
+                        deformation_gradient=[[-1.0, 0.0, 0.0, 1.0]])
+    elif name == "particle_of_file_flat":
+        write_particles(folder / "particles.h5", position=[[0.5, 0.5]], volume=[0.01], mass=[10.0], half_length=[[0.05, 0.0]])
+    elif name == "particle_of_file_not_a_number":
+        write_particles(folder / "particles.h5", position=[[0.5, 0.5]], volume=[0.01], mass=[10.0], velocity=[[float("nan"), 0.0]])
     elif name == "output_not_writable":
         (folder / "locked").mkdir()
         (folder / "locked").chmod(0o555)

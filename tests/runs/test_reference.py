@@ -1,9 +1,11 @@
 """What the program says about itself: help, version, and the input reference, which is written by it."""
+import re
 import subprocess
 
 import pytest
 
-from conftest import REPOSITORY
+import gimp_files
+from conftest import INPUTS, REPOSITORY
 
 REFERENCE = REPOSITORY / "docs" / "input-reference.md"
 
@@ -47,3 +49,27 @@ def test_version(gimp_x):
 def test_arguments_that_are_not_understood(gimp_x, arguments):
     code, text, problem = say(gimp_x, *arguments)
     assert code == 2 and text == "" and problem.startswith("gimp.x: ") and problem.count("\n") == 1
+
+
+def test_output_format_names_what_a_run_writes(run_scene, tmp_path):
+    """Every column, every attribute of the summary and every field stands in docs/output-format.md"""
+    text = (REPOSITORY / "docs" / "output-format.md").read_text()
+    run = run_scene(INPUTS / "vortex.nml", tmp_path, time__max_steps=2, **{"output.probes": [1.0, 0.0]}).succeeded()
+    known = set(re.findall(r"`([a-zA-Z0-9_]+)`", text))
+    axes = {"_x", "_y", "_z", "_xx", "_yy", "_zz", "_xy"}  # written as `name_x`, `_y`, ...
+
+    def is_told(name):
+        stem = re.sub(r"_[xyz]{1,2}$", "", name)
+        return name in known or any(stem + axis in known for axis in axes)
+
+    assert [name for name in run.history if not is_told(name)] == []
+    assert [name for name in run.summary if name not in known] == []
+    fields = [word for word in say_words(REFERENCE.read_text(), "fields")]
+    assert len(fields) == 17 and [name for name in fields if name not in known] == []
+    assert gimp_files.scene(run.output, "input") == run.scene
+
+
+def say_words(reference, key):
+    """The words of a key, from its row in the reference"""
+    row = next(line for line in reference.splitlines() if line.startswith(f"| `{key}` |"))
+    return re.findall(r"`([a-z_]+)`", row.split("Words:")[1])

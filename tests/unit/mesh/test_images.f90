@@ -75,6 +75,11 @@ contains
     call check(wrong, 0, "folded images are empty, n = "//text_of(n))
     call copy_images(images, table%slots, g)
     wrong = 0
+    do k = 1, size(images)
+      if (g(node_mass, images(k)%place, images(k)%slot) /= 0.0_wp) wrong = wrong + 1
+    end do
+    call check(wrong, 0, "but have no mass, so that no sum over nodes counts them again, n = "//text_of(n))
+    wrong = 0
     do i = -16, n + 15
       slot = slot_of_node(table, grid, [i, 3, 0])
       if (slot == 0) cycle

@@ -96,7 +96,6 @@ contains
     call check(size(reals_of(scene, "body", 1, "rotation_center")), 0, "no default to tell")
     call check_true(.not. is_given(scene, "body", 1, "rotation_center"), "and not given")
     call check(size(reals_of(scene, "output", 1, "probes")), 0, "no probes")
-    call check(text_of_key(scene, "scene", 1, "title"), "", "an empty default")
   end subroutine test_defaults
 
   !> Defaults that follow the dimension
@@ -109,6 +108,7 @@ contains
       call read_text("&scene dimension = "//digit(d)//" / &grid lower = "//digit(d)//"*0 upper = "//digit(d)// &
                      "*1 spacing = 0.25 /"//rest//'&body name = "b" material = "soil" shape = "box" lower = '//digit(d)// &
                      "*0.25 upper = "//digit(d)//'*0.75 initial = "rest" / &verification solution = "axis_aligned" /')
+      call check(text_of_key(scene, "scene", 1, "title"), "", "an empty default")
       call check(word_of(scene, "scene", 1, "kinematics"), trim(fitting(d)), "kinematics in "//digit(d)//"D")
       call check(size(reals_of(scene, "body", 1, "velocity")), d, "velocity in "//digit(d)//"D")
       f = reals_of(scene, "body", 1, "deformation_gradient")

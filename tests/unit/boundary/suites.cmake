@@ -1,0 +1,3 @@
+gimp_add_unit_test(boundary test_time_table)
+gimp_add_unit_test(boundary test_walls)
+gimp_add_unit_test(boundary test_loads USES engine_fixture)

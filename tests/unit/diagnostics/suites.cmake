@@ -1,0 +1,2 @@
+gimp_add_unit_test(diagnostics test_measures USES engine_fixture)
+gimp_add_unit_test(diagnostics test_snapshot USES engine_fixture)
