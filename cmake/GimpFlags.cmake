@@ -1,7 +1,7 @@
 # Compiler flags by build type. The release flags were chosen by measurement (docs/performance.md): no fast-math, so that
 # results do not change silently; the two -fno flags let loops with log and sqrt vectorise and change no value.
 set(speed "-O3 -fno-math-errno -fno-trapping-math")
-set(CMAKE_Fortran_FLAGS "${CMAKE_Fortran_FLAGS} -std=f2018 -ffree-line-length-none -fopenmp-simd -Wall -Wextra -Wimplicit-interface -Wno-compare-reals -Wno-unused-dummy-argument -Wno-maybe-uninitialized")
+set(CMAKE_Fortran_FLAGS "${CMAKE_Fortran_FLAGS} -std=f2018 -ffree-line-length-none -fopenmp -Wall -Wextra -Wimplicit-interface -Wno-compare-reals -Wno-unused-dummy-argument -Wno-maybe-uninitialized")
 set(CMAKE_Fortran_FLAGS_RELEASE "${speed} -march=native")
 set(CMAKE_Fortran_FLAGS_PORTABLE "${speed} -march=x86-64-v3")
 set(checks "-fcheck=all,no-array-temps -ffpe-trap=invalid,zero,overflow -finit-real=snan -fbacktrace")

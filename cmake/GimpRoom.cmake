@@ -24,7 +24,7 @@ function(gimp_add_room name)
   foreach(room IN LISTS ROOM_USES)
     target_link_libraries(gimp_${name} PUBLIC gimp_${room})
   endforeach()
-  target_link_libraries(gimp_${name} PUBLIC ${ROOM_LIBRARIES})
+  target_link_libraries(gimp_${name} PUBLIC ${ROOM_LIBRARIES} OpenMP::OpenMP_Fortran)
 endfunction()
 
 # gimp_add_unit_test(ROOM test_name [USES room...]): tests/unit/ROOM/test_name.f90 becomes the ctest ROOM.test_name

@@ -6,6 +6,7 @@
 
 GROUP.KEY= takes a key away; body[2].key means the second &body, body[right].key the one named so.
 """
+import suitable_python  # noqa: F401 isort: skip (must come first)
 import argparse
 
 import gimp_files as gf

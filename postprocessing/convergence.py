@@ -6,6 +6,7 @@
 Each grid has CELLS cells along the x axis of the box (spacing = width/CELLS); the scene must name an exact solution
 (&verification). gimp.x is taken from the environment variable GIMP_X, from build/bin, or from the PATH.
 """
+import suitable_python  # noqa: F401 isort: skip (must come first)
 import argparse
 import json
 import math

@@ -5,6 +5,7 @@
   plot_history.py disks.vtkhdf --momentum                with momentum and angular momentum
   plot_history.py disks.vtkhdf --columns probe1_x        any columns of the history; --list names them
 """
+import suitable_python  # noqa: F401 isort: skip (must come first)
 import argparse
 from pathlib import Path
 

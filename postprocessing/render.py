@@ -9,6 +9,7 @@
 In two dimensions every particle is drawn with its true size; with deformation_gradient and half_length among the fields
 of &output also with its deformation. In three dimensions pyvista is used if it is installed, else matplotlib.
 """
+import suitable_python  # noqa: F401 isort: skip (must come first)
 import argparse
 from pathlib import Path
 

@@ -5,6 +5,7 @@
 
 The .xdmf holds no data: it points into the .vtkhdf, which must stay beside it.
 """
+import suitable_python  # noqa: F401 isort: skip (must come first)
 import argparse
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path

@@ -38,6 +38,7 @@ module gimp_report
     real(dp) :: stepping = 0.0_dp, output = 0.0_dp, setup = 0.0_dp !! [s]
     real(wp) :: dt_min = huge(1.0_wp), dt_max = 0.0_wp !! [s]
     integer(i8) :: limited(6) = 0 !! steps by limit
+    integer :: threads = 1
   end type costs_t
 
   interface
@@ -189,8 +190,9 @@ contains
     call line("  status             "//status//" at t = "//text_of(s%time)//" s after "//with_thousands(s%step)//" steps")
     if (s%step > 0) call line("  step               "//text_of(costs%dt_min, 3)//" to "//text_of(costs%dt_max, 3)//" s" &
                               //"; set by "//limits(3:))
-    call line("  speed              "//short_number(real(rate, wp))//"particle-steps/s on one core, " &
-              //text_of(real(1.0e9_dp/max(rate, 1.0e-9_dp), wp), 3)//" ns each")
+    call line("  speed              "//short_number(real(rate, wp))//"particle-steps/s on " &
+              //plural(costs%threads, "thread", "threads")//", " &
+              //text_of(real(1.0e9_dp*costs%threads/max(rate, 1.0e-9_dp), wp), 3)//" ns of a core each")
     call line("  seconds            "//text_of(real(costs%stepping, wp), 3)//" stepping (particles "//text_of(nint(particles)) &
               //" %, grid "//text_of(nint(grid))//" %, sort "//text_of(nint(sorting))//" %), " &
               //text_of(real(costs%output, wp), 3)//" output, "//text_of(real(costs%setup, wp), 3)//" set-up")
@@ -216,7 +218,7 @@ contains
     call say(s%books%clamped, "particle domains shortened to the longest allowed (particle-steps)")
     call say(s%books%wide_chunks, "chunks through the list kernel (wide supports or drift)")
     call say(s%books%spilled, "node values beyond a pad")
-    call say(s%books%cut_nodes, "nodes below the mass cut-off (node-steps)")
+    call say(s%books%cut_nodes, "nodes below the mass cut-off (node-steps); momentum lost "//text_of(real(s%books%cut_momentum, wp), 3)//" kg m/s")
     call say(s%books%removed_particles, "particles removed at free sides")
     call say(s%books%lost_loads, "load points on inactive nodes: force was lost")
     call line("  sorts              "//with_thousands(s%books%sorts))
@@ -253,7 +255,7 @@ contains
     call whole("steps", s%step)
     call number("time", real(s%time, dp))
     call whole("particles", s%engine%particles%n)
-    call whole("threads", 1_i8)
+    call whole("threads", int(costs%threads, i8))
     call whole("ranks", 1_i8)
     call number("wall_seconds", costs%stepping)
     call number("seconds_setup", costs%setup)
@@ -262,7 +264,7 @@ contains
     call number("seconds_particles", s%seconds(phase_particles))
     call number("seconds_sort", s%seconds(phase_sort))
     call number("particle_steps_per_second", rate)
-    call number("particle_steps_per_core_second", rate)
+    call number("particle_steps_per_core_second", rate/costs%threads)
     call number("bytes_per_particle", real(engine_bytes(s%engine), dp)/max(1_i8, s%engine%particles%n))
     call number("state_bytes_per_particle", real(live_bytes(s%engine%particles), dp))
     call number("dt_min", real(min(costs%dt_min, costs%dt_max), dp))

@@ -10,7 +10,7 @@ module gimp_run
   use gimp_loads, only: load_point
   use gimp_stepper, only: stepper_t, start_run, plan_step, take_step
   use gimp_step_size, only: rule_adaptive
-  use gimp_setup, only: set_up_scene, body_named
+  use gimp_setup, only: set_up_scene, set_up_threads, body_named
   use gimp_populate, only: population_t, count_particles, populate
   use gimp_recorder, only: recorder_t, open_recorder, record_frame, record_row, close_recorder, record_failure, next_frame_time
   use gimp_report, only: build_t, progress_t, costs_t, print_header, start_progress, show_progress, end_progress, &
@@ -41,6 +41,7 @@ contains
     type(error_t), allocatable :: problem
     real(dp) :: start
     start = seconds_now()
+    call set_up_threads(run%scene, run%costs%threads)
     call set_up_scene(run%scene, run%stepper, run%solution, error)
     if (allocated(run%stepper%engine%laws)) then
       call count_particles(run%scene, run%stepper, population, problem)
@@ -110,10 +111,10 @@ contains
     call start_run(run%stepper, error)
     if (allocated(error)) return
     call print_header(build, run%scene, run%stepper)
+    failed = .true.
     call open_recorder(run%scene, run%stepper, run%solution, run%body_first, run%recorder, error)
     if (allocated(error)) return
     run%costs%setup = run%costs%setup + seconds_now() - start
-    failed = .true.
     run%stepper%seconds = 0.0_dp
     call start_progress(progress, word_of(run%scene, "output", 1, "progress"))
     call step_to_end(run, progress, status, error)

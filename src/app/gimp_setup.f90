@@ -17,9 +17,10 @@ module gimp_setup
   use gimp_step_size, only: rule_adaptive, rule_uniform, rule_fixed
   use gimp_solution_force, only: solution_force_t
   use gimp_scene, only: scene_t, count_groups, is_given, real_of, reals_of, integer_of, logical_of, word_of, text_of_key, complain
+  use omp_lib, only: omp_get_max_threads, omp_set_num_threads
   implicit none(type, external)
   private
-  public :: set_up_scene, body_named
+  public :: set_up_scene, body_named, set_up_threads
 
 contains
 
@@ -41,6 +42,20 @@ contains
     if (allocated(error)) return
     call set_up_time(scene, s)
   end subroutine set_up_scene
+
+  !> Threads of this run: the scene's word, else the environment's, else one
+  subroutine set_up_threads(scene, threads)
+    type(scene_t), intent(in) :: scene
+    integer, intent(out) :: threads
+    character(len=32) :: value
+    threads = integer_of(scene, "parallel", 1, "threads")
+    if (threads == 0) then
+      call get_environment_variable("OMP_NUM_THREADS", value)
+      threads = 1
+      if (value /= "") threads = omp_get_max_threads()
+    end if
+    call omp_set_num_threads(threads)
+  end subroutine set_up_threads
 
   !> Sides of the box; without a group they are free
   subroutine set_up_walls(scene, walls)

@@ -30,6 +30,8 @@ module gimp_nodes
     real(wp) :: kick = 0.0_wp !! step of velocities [s]
     real(wp) :: gravity(3) = 0.0_wp !! [m/s2]
     real(wp) :: cutoff = 0.0_wp !! nodes with less mass are left out [kg]
+    real(wp) :: round_off = 0.0_wp !! masses up to here are round-off [kg]
+    real(wp) :: pic = 0.0_wp !! share of PIC in the transfer
     real(wp) :: damping = 0.0_wp !! share of the force taken out by local damping (Cundall)
   end type node_step_t
 
@@ -44,16 +46,19 @@ contains
     integer, intent(in) :: at(3) !! block coordinates
     real(wp), intent(in) :: raw(nf, nodes_per_block) !! what the particles gave
     real(wp), intent(inout) :: g(nf, nodes_per_block) !! what the particles will take
-    real(dp), intent(inout) :: sums(n_node_sums)
+    real(dp), intent(out) :: sums(n_node_sums) !! books of this slot
     integer, parameter :: n = nodes_per_block
     real(wp) :: m(n), r(n), v(n, 3), w(n, 3), old(n, 3)
     integer :: i, d
     d = grid%dim
+    sums = 0.0_dp
 
     if (step%stage == stage_kick) then
       do i = 1, n
         v(i, :) = g(1:3, i)
         m(i) = g(4, i)
+        if (m(i) > 0.0_wp) cycle ! the force of a cut node is lost
+        sums(book_impulse:book_impulse + 2) = sums(book_impulse:book_impulse + 2) - real(step%kick*raw(5:7, i), dp)
       end do
     else
       if (step%stage == stage_project) then
@@ -70,7 +75,7 @@ contains
         v(i, 2) = raw(2, i)*r(i)
         v(i, 3) = raw(3, i)*r(i)
       end do
-      if (step%stage /= stage_project) call note_cut_nodes(n, step%cutoff, raw, sums)
+      if (step%stage /= stage_project) call note_cut_nodes(n, step, raw, sums)
       do i = 1, n
         if (m(i) <= step%cutoff) m(i) = 0.0_wp
       end do
@@ -223,16 +228,23 @@ contains
     end do
   end subroutine book_energy
 
-  !> Nodes with too little mass drop what they were given: count it
-  subroutine note_cut_nodes(n, cutoff, raw, sums)
+  !> Nodes with too little mass drop what they were given: count them, and the momentum that particles will miss.
+  !> Masses of round-off size are no masses: weights of a node that a domain just touches.
+  subroutine note_cut_nodes(n, step, raw, sums)
     integer, intent(in) :: n
-    real(wp), intent(in) :: cutoff, raw(nf, n)
+    type(node_step_t), intent(in) :: step
+    real(wp), intent(in) :: raw(nf, n)
     real(dp), intent(inout) :: sums(n_node_sums)
+    real(wp) :: lost(3)
     integer :: i
     do i = 1, n
-      if (raw(4, i) <= 0.0_wp .or. raw(4, i) > cutoff) cycle
+      if (raw(4, i) > step%cutoff) cycle
+      lost = step%pic*raw(1:3, i)
+      if (step%stage == stage_full) lost = lost + step%kick*raw(5:7, i)
+      sums(book_impulse:book_impulse + 2) = sums(book_impulse:book_impulse + 2) - real(lost, dp)
+      if (raw(4, i) <= step%round_off) cycle
       sums(book_cut) = sums(book_cut) + 1.0_dp
-      sums(book_cut_momentum) = sums(book_cut_momentum) + real(sqrt(sum(raw(1:3, i)**2)), dp)
+      sums(book_cut_momentum) = sums(book_cut_momentum) + real(sqrt(sum(lost**2)), dp)
     end do
   end subroutine note_cut_nodes
 

@@ -57,7 +57,7 @@ module gimp_stepper
     integer :: limit = 1 !! what set dt
     real(wp) :: rate = 0.0_wp, speed = 0.0_wp, strain_rate = 0.0_wp !! peaks of the last step
     real(wp) :: kick_before = 0.0_wp !! half of the last step: leap-frog with changing steps
-    real(wp) :: cutoff_mass = 0.0_wp !! [kg]
+    real(wp) :: cutoff_mass = 0.0_wp, round_off_mass = 0.0_wp !! [kg]
     integer(i8) :: particle_steps = 0
     real(dp) :: seconds(n_phases) = 0.0_dp
     logical, allocatable, private :: held(:) !! (slot) touched by a side of the box
@@ -98,7 +98,9 @@ contains
       end if
     end do
     call resort(s)
-    s%cutoff_mass = s%method%cutoff*maxval(s%engine%particles%p(:, s%engine%particles%mass%first, :))
+    s%cutoff_mass = maxval(s%engine%particles%p(:, s%engine%particles%mass%first, :))
+    s%round_off_mass = 32.0_wp*epsilon(1.0_wp)*s%cutoff_mass
+    s%cutoff_mass = s%method%cutoff*s%cutoff_mass
     call run_pass(s, give_pass(s, s%time), error)
     if (allocated(error)) return
     s%books%kinetic = block_sum(s%engine%sums(sum_kinetic, :))
@@ -374,13 +376,15 @@ contains
     integer, intent(in) :: stage
     real(wp), intent(in) :: kick
     type(node_step_t) :: step
-    real(dp) :: sums(n_node_sums), carry(n_node_sums), part(n_node_sums), start
+    real(dp), allocatable :: part(:, :) ! (n_node_sums, slot): added in the order of slots
+    real(dp) :: sums(n_node_sums), carry(n_node_sums), start
     real(wp) :: raw(nf, nodes_per_block)
     integer :: slot, lost
     logical :: loaded, at_once
 
     start = seconds_now()
-    step = node_step_t(stage=stage, kick=kick, gravity=gravity_at(s%loads, s%time), cutoff=s%cutoff_mass)
+    step = node_step_t(stage=stage, kick=kick, gravity=gravity_at(s%loads, s%time), cutoff=s%cutoff_mass, round_off=s%round_off_mass, &
+                       pic=1.0_wp - s%method%flip)
     if (s%method%damping == damping_local) step%damping = s%method%damping_factor
     loaded = .false.
     if (stage == stage_full .or. stage == stage_kick) then
@@ -388,24 +392,26 @@ contains
       loaded = s%loads%n > 0
     end if
     at_once = .not. (loaded .or. s%engine%spill%n > 0 .or. has_images(s%engine%grid))
-    sums = 0.0_dp
-    carry = 0.0_dp
+    allocate (part(n_node_sums, s%engine%table%slots))
     associate (engine => s%engine, table => s%engine%table)
       if (at_once) then
+        !$omp parallel do schedule(dynamic, 16) private(raw)
         do slot = 1, table%slots
           call sum_pads(engine, slot, raw)
-          part = 0.0_dp
-          call update_nodes(step, engine%grid, s%walls, s%held(slot), table%slot_at(:, slot), raw, engine%g(:, :, slot), part)
-          call add_to(sums, carry, part)
+          call update_nodes(step, engine%grid, s%walls, s%held(slot), table%slot_at(:, slot), raw, engine%g(:, :, slot), &
+                            part(:, slot))
         end do
+        !$omp end parallel do
       else
         if (allocated(s%raw)) then
           if (size(s%raw, 3) /= table%slots) deallocate (s%raw)
         end if
         if (.not. allocated(s%raw)) allocate (s%raw(nf, nodes_per_block, table%slots))
+        !$omp parallel do schedule(dynamic, 16)
         do slot = 1, table%slots
           call sum_pads(engine, slot, s%raw(:, :, slot))
         end do
+        !$omp end parallel do
         call add_spills(engine, table%slots, s%raw)
         if (loaded) then
           lost = 0
@@ -413,17 +419,22 @@ contains
           s%books%lost_loads = s%books%lost_loads + lost
         end if
         call fold_images(engine%images, table%slots, s%raw)
+        !$omp parallel do schedule(dynamic, 16)
         do slot = 1, table%slots
-          part = 0.0_dp
           call update_nodes(step, engine%grid, s%walls, s%held(slot), table%slot_at(:, slot), s%raw(:, :, slot), &
-                            engine%g(:, :, slot), part)
-          call add_to(sums, carry, part)
+                            engine%g(:, :, slot), part(:, slot))
         end do
+        !$omp end parallel do
         call copy_images(engine%images, table%slots, engine%g)
       end if
       if (loaded) s%books%impulse = s%books%impulse + kick*sum(s%loads%f(:, :s%loads%n), dim=2)
       if (loaded) s%books%work_external = s%books%work_external + work_of_loads(s%loads, engine, table%slots, engine%g, kick)
     end associate
+    sums = 0.0_dp
+    carry = 0.0_dp
+    do slot = 1, s%engine%table%slots
+      call add_to(sums, carry, part(:, slot))
+    end do
     call book_stage(s%books, stage, kick, 1.0_wp - s%method%flip, sums + carry)
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
   end subroutine nodal_stage
@@ -440,6 +451,7 @@ contains
       books%work_pushed = pic*sums(book_pushed)
       books%cut_nodes = books%cut_nodes + nint(sums(book_cut), kind(books%cut_nodes))
       books%cut_momentum = books%cut_momentum + sums(book_cut_momentum)
+      if (stage == stage_velocity) books%impulse = books%impulse + sums(book_impulse:book_impulse + 2)
       books%reaction = pic*sums(book_held:book_held + 2)/kick
       books%impulse = books%impulse + pic*sums(book_held:book_held + 2)
     end if

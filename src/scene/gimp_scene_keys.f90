@@ -79,7 +79,7 @@ contains
     groups(11) = group_t("mesh", 0, 1, .true., "an unstructured mesh in place of the grid")
     groups(12) = group_t("contact", 0, 0, .true., "contact between bodies")
     groups(13) = group_t("restart", 0, 1, .true., "checkpoints and restart")
-    groups(14) = group_t("parallel", 0, 1, .true., "ranks and how the work is cut")
+    groups(14) = group_t("parallel", 0, 1, .false., "how many threads work; the results do not depend on it")
     groups(15) = group_t("refine", 0, 1, .true., "refinement of grid and particles")
   end subroutine list_groups
 
@@ -98,6 +98,7 @@ contains
     call method_keys(table, n)
     call time_keys(table, n)
     call output_keys(table, n)
+    call parallel_keys(table, n)
     call verification_keys(table, n)
     allocate (keys(n))
     keys = table(:n)
@@ -342,7 +343,7 @@ contains
              "equivalent_plastic_strain volume mass density id material body jacobian half_length error "// &
              "reference_position", default="displacement,velocity,stress")
     call add(t, n, g, "precision", kind_word, "of the fields in a frame", words="single double", default="single")
-    call add(t, n, g, "history_every", kind_integer, "steps between rows of the history", range="[1,)", default="1")
+    call add(t, n, g, "history_every", kind_integer, "steps between rows of the history", range="[1,)", default="10")
     call add(t, n, g, "csv", kind_logical, "write the history to NAME.history.csv as well", default=".false.")
     call add(t, n, g, "probes", kind_real, "points; the particle that starts nearest to each is followed", count_points, &
              most=60, unit="m", default="(none)")
@@ -350,6 +351,13 @@ contains
     call add(t, n, g, "progress", kind_word, "auto: a live line on a terminal, a plain line now and then in a log", &
              words="auto on off", default="auto")
   end subroutine output_keys
+
+  pure subroutine parallel_keys(t, n)
+    type(key_t), intent(inout) :: t(:)
+    integer, intent(inout) :: n
+    call add(t, n, "parallel", "threads", kind_integer, "threads of the run; 0: OMP_NUM_THREADS, or one where that is not set", &
+             range="[0,4096]", default="0")
+  end subroutine parallel_keys
 
   pure subroutine verification_keys(t, n)
     type(key_t), intent(inout) :: t(:)

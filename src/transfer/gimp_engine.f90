@@ -56,7 +56,7 @@ module gimp_engine
   !> What particles give to nodes beyond the pad of their block, in the order of blocks
   type :: spill_t
     integer :: n = 0
-    integer, allocatable :: slot(:), place(:)
+    integer, allocatable :: block(:), slot(:), place(:)
     real(wp), allocatable :: value(:, :) !! (field, entry)
   end type spill_t
 
@@ -148,7 +148,7 @@ contains
     end associate
     engine%spill%n = 0
     if (.not. allocated(engine%spill%slot)) then
-      allocate (engine%spill%slot(64), engine%spill%place(64), engine%spill%value(fields_per_node, 64))
+      allocate (engine%spill%block(64), engine%spill%slot(64), engine%spill%place(64), engine%spill%value(fields_per_node, 64))
     end if
   end subroutine allot_grid
 

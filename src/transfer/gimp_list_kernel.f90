@@ -3,14 +3,15 @@
 !>
 !> It works on the nodes of a block and of all its neighbours; what lies beyond the pad goes to the spill list.
 module gimp_list_kernel
-  use gimp_kinds, only: wp, lanes
+  use gimp_kinds, only: wp, i8, lanes
+  use gimp_sorting, only: sort_order
   use gimp_grid, only: grid_t, nodes_per_block, nf => fields_per_node
   use gimp_blocks, only: block_table_t, neighbour
   use gimp_basis, only: weight_list_t, make_weight_list
   use gimp_engine, only: spill_t, drift
   implicit none(type, external)
   private
-  public :: wide_nodes, load_wide, gather_list, scatter_list, unload_wide, reaches_wide
+  public :: wide_nodes, load_wide, gather_list, scatter_list, unload_wide, order_spill, reaches_wide
 
 contains
 
@@ -133,7 +134,7 @@ contains
                 pad(:, q) = pad(:, q) + wide(:, w)
               end associate
             else
-              call add_spill(spill, s, place + 1, wide(:, w))
+              call add_spill(spill, block, s, place + 1, wide(:, w))
             end if
             wide(:, w) = 0.0_wp
           end do
@@ -142,12 +143,27 @@ contains
     end do
   end subroutine unload_wide
 
-  subroutine add_spill(spill, slot, place, value)
+  !> Bring the spill list into the order of blocks, whichever thread came first
+  subroutine order_spill(spill)
     type(spill_t), intent(inout) :: spill
-    integer, intent(in) :: slot, place
+    integer, allocatable :: order(:)
+    integer :: n
+    n = spill%n
+    if (n < 2) return
+    call sort_order(int(spill%block(:n), i8), order)
+    spill%block(:n) = spill%block(order)
+    spill%slot(:n) = spill%slot(order)
+    spill%place(:n) = spill%place(order)
+    spill%value(:, :n) = spill%value(:, order)
+  end subroutine order_spill
+
+  subroutine add_spill(spill, block, slot, place, value)
+    type(spill_t), intent(inout) :: spill
+    integer, intent(in) :: block, slot, place
     real(wp), intent(in) :: value(nf)
     real(wp), allocatable :: wider(:, :)
     if (spill%n == size(spill%slot)) then
+      spill%block = [spill%block, spill%block]
       spill%slot = [spill%slot, spill%slot]
       spill%place = [spill%place, spill%place]
       allocate (wider(nf, 2*spill%n))
@@ -155,6 +171,7 @@ contains
       call move_alloc(wider, spill%value)
     end if
     spill%n = spill%n + 1
+    spill%block(spill%n) = block
     spill%slot(spill%n) = slot
     spill%place(spill%n) = place
     spill%value(:, spill%n) = value

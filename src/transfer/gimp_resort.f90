@@ -256,13 +256,14 @@ contains
     engine%particles%n = count(engine%particles%id > 0, kind=i8)
   end subroutine move_particles
 
-  pure subroutine copy_lanes(components, old_chunks, chunks, source, old, old_id, new, new_id)
+  subroutine copy_lanes(components, old_chunks, chunks, source, old, old_id, new, new_id)
     integer, intent(in) :: components, old_chunks, chunks, source(0:lanes*chunks - 1)
     real(wp), intent(in) :: old(lanes, components, old_chunks)
     integer(i8), intent(in) :: old_id(lanes, old_chunks)
     real(wp), intent(inout) :: new(lanes, components, chunks)
     integer(i8), intent(inout) :: new_id(lanes, chunks)
     integer :: c, l, f, from(lanes), at(lanes)
+    !$omp parallel do schedule(static) private(l, f, from, at)
     do c = 1, chunks
       do l = 1, lanes
         from(l) = max(0, source((c - 1)*lanes + l - 1) - 1)
@@ -276,6 +277,7 @@ contains
         end do
       end do
     end do
+    !$omp end parallel do
   end subroutine copy_lanes
 
   !> Spare lanes hold a twin of the chunk's first particle, without mass, volume and force

@@ -21,6 +21,7 @@ SCRIPTS = REPOSITORY / "postprocessing"
 BENCHMARKS = REPOSITORY / "benchmarks"
 sys.path[:0] = [str(SCRIPTS), str(BENCHMARKS)]
 
+import change_scene  # noqa: E402
 import convergence  # noqa: E402
 import gimp_files as gf  # noqa: E402
 import namelist  # noqa: E402
@@ -451,6 +452,51 @@ def test_energy_curves_add_up(disk):
     curves = plot_history.energy_curves(table)
     np.testing.assert_allclose(curves["total"], 1 + 0.01*table["time"], atol=1e-14)
     assert "reaction_work" not in curves  # zero throughout: not drawn
+
+
+def test_losses_of_the_method_are_no_energy(disk):
+    """They are curves of their own: the total is that of energy_drift, which they explain"""
+    table = dict(gf.history(disk))
+    plain = plot_history.energy_curves(table)["total"]
+    table["transfer_loss_p2g"] = 0.3*table["time"]
+    table["stress_update_error"] = -0.2*table["time"]
+    curves = plot_history.energy_curves(table)
+    np.testing.assert_array_equal(curves["total"], plain)
+    np.testing.assert_allclose(curves["transfer_loss"], 0.3*table["time"] + table.get("transfer_loss_g2p", 0), atol=1e-15)
+    assert "stress_update_error" in curves
+
+
+def test_a_flywheel_does_not_hide_the_rest():
+    time = np.linspace(0, 1, 5)
+    table = {"time": time, "kinetic_energy": 1000 - time, "stored_energy": time}
+    assert plot_history.is_flywheel(plot_history.energy_curves(table))
+    table["stored_energy"] = 100*time
+    assert not plot_history.is_flywheel(plot_history.energy_curves(table))
+
+
+def test_history_list_tells_extremes(disk, capsys):
+    plot_history.main([str(disk), "--list"])
+    lines = capsys.readouterr().out.splitlines()
+    table = gf.history(disk)
+    words = next(line for line in lines if line.startswith("dt ")).split()
+    assert lines[0].split()[:3] == ["column", "unit", "first"] and len(lines) == 1 + len(table)
+    assert [float(words[k]) for k in (2, 3, 5, 7)] == pytest.approx(
+        [table["dt"][0], table["dt"].min(), table["dt"].max(), table["dt"][-1]], rel=1e-5)
+
+
+def test_change_scene_prints_the_changed_scene(tmp_path, capsys):
+    scene = tmp_path / "s.nml"
+    scene.write_text('! a comment\n&grid\n  spacing = 0.1\n/\n&time\n  end = 1.0\n  courant = 0.3\n/\n')
+    change_scene.main([str(scene), "grid.spacing=0.05", "time.courant=", "method.basis=linear"])
+    text = capsys.readouterr().out
+    values = {group.name: group.values() for group in namelist.groups(text)}
+    assert text.startswith("! a comment\n")
+    assert values == {"grid": {"spacing": [0.05]}, "time": {"end": [1.0]}, "method": {"basis": ["linear"]}}
+
+
+def test_values_beyond_the_colour_bar_get_an_arrow():
+    values = [np.array([0.0, 1.0]), np.array([0.5, 2.0])]
+    assert [pictures.beyond(values, *limits) for limits in ((0, 2), (0, 1), (0.5, 2), (0.5, 1))] == ["neither", "max", "min", "both"]
 
 
 # ------------------------------------------------------------------------------------------- sidecar

@@ -50,12 +50,13 @@ contains
     integer, intent(in) :: dim
     real(wp), parameter :: tolerance = 2000*round_off
     type(weight_list_t) :: list
-    real(wp) :: x(3), half(3), u, worst(4), moment(3), unit(3, 3), shortest
+    real(wp) :: x(3), half(3), u, worst(4), moment(3), unit(3, 3)
     integer :: trial, k, i, j, most
     worst = 0.0_wp
     most = 0
+    x = 0.0_wp
+    half = 0.0_wp
     do trial = 1, 3000
-      shortest = longest_half
       do k = 1, dim
         call random_number_of(u)
         x(k) = 20*u - 10

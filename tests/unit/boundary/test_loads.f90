@@ -149,7 +149,8 @@ contains
       loads%load(1)%pressure = p
       call collect_loads(loads, engine, 0.0_wp)
       total = -p*area_vector(dim, f)
-      call check(sum(loads%f(:, :loads%n), 2), total, 1.0e-13_wp*p*norm2(area_vector(dim, f)), "pressure is -p A n, "//text_of(dim)//"D")
+      call check(sum(loads%f(:, :loads%n), 2), total, 1.0e-13_wp*p*norm2(area_vector(dim, f)), &
+                 "pressure is -p A n, "//text_of(dim)//"D")
       if (round == 1) call check(total(1), -p*(3*spacing)**(dim - 1), 1.0e-13_wp, "of the reference face at first")
       call check_nodes(engine, loads, total, "pressure, "//text_of(dim)//"D")
     end do
@@ -202,7 +203,8 @@ contains
       loads%load(1)%pressure = 1.0_wp
       call collect_loads(loads, engine, 0.0_wp)
       call check(loads%n, d*2**d, "two times d faces of 2^(d-1) corners")
-      call check(maxval(abs(sum(loads%f(:, :loads%n), 2))), 0.0_wp, 1.0e-15_wp, "a closed surface feels no net force, "//text_of(d)//"D")
+      call check(maxval(abs(sum(loads%f(:, :loads%n), 2))), 0.0_wp, 1.0e-15_wp, &
+                 "a closed surface feels no net force, "//text_of(d)//"D")
       moment = 0.0_wp
       do q = 1, loads%n
         moment = moment + cross(loads%x(:, q), loads%f(:, q))

@@ -119,7 +119,8 @@ contains
     end do
     call measure_errors(engine, solution, time, earlier, errors)
     call check(real(max(errors%rms, errors%max), wp), 0.0_wp, 1.0e-14_wp, "no error of positions, "//text_of(dim)//"D")
-    call check(real(max(errors%rms_velocity, errors%max_velocity), wp), 0.0_wp, 1.0e-14_wp, "nor of velocities, "//text_of(dim)//"D")
+    call check(real(max(errors%rms_velocity, errors%max_velocity), wp), 0.0_wp, 1.0e-14_wp, &
+               "nor of velocities, "//text_of(dim)//"D")
     call check(real(max(errors%rms_stress, errors%max_stress), wp), 0.0_wp, 1.0e-11_wp, "nor of stress, "//text_of(dim)//"D")
     engine%particles%p(:, q, :) = engine%particles%p(:, q, :) + 0.02_wp
     call measure_errors(engine, solution, time, time, errors)

@@ -224,12 +224,12 @@ contains
     call run(whole, 60, "a whole body")
     call read_cloud(half%engine, after)
     call read_cloud(whole%engine, expected)
-    call check(maxval(abs(after%x(1, :) + 8.0_wp - expected%x(1, :n))), 0.0_wp, 1.0e-11_wp, "half does as the whole: positions, scheme " &
-               //text_of(scheme))
+    call check(maxval(abs(after%x(1, :) + 8.0_wp - expected%x(1, :n))), 0.0_wp, 1.0e-11_wp, &
+               "half does as the whole: positions, scheme "//text_of(scheme))
     call check(maxval(abs(after%v - expected%v(:, :n))), 0.0_wp, 1.0e-11_wp, "half does as the whole: velocities, scheme " &
                //text_of(scheme))
-    call check(real(half%books%internal, wp), 0.5_wp*real(whole%books%internal, wp), 1.0e-10_wp*abs(real(whole%books%internal, wp)), &
-               "half the work, scheme "//text_of(scheme))
+    call check(real(half%books%internal, wp), 0.5_wp*real(whole%books%internal, wp), &
+               1.0e-10_wp*abs(real(whole%books%internal, wp)), "half the work, scheme "//text_of(scheme))
   end subroutine test_mirror
 
   !> How often particles are sorted must not matter but for the order of sums: round-off of 80 steps

@@ -86,7 +86,7 @@ contains
     call check_true(logical_of(scene, "method", 1, "half_step_start"), "default logical")
     call check(text_of_key(scene, "output", 1, "name"), "gimp", "default text")
     call check(trim(texts_of_nth(3)), "stress", "default list of words")
-    call check(integer_of(scene, "output", 1, "history_every"), 1, "default whole number")
+    call check(integer_of(scene, "output", 1, "history_every"), 10, "default whole number")
     call check(real_of(scene, "time", 1, "courant"), 0.4_wp, 0.0_wp, "default number")
     call check(word_of(scene, "material", 1, "hardening"), "none", "default word of a model")
     call check(real_of(scene, "material", 1, "cohesion"), 0.0_wp, 0.0_wp, "default of a key that is not read")
