@@ -5,7 +5,7 @@
 !> state at the start of a step and their work from the velocities of the same points in that step.
 module gimp_loads
   use gimp_kinds, only: wp, dp, i8, lanes
-  use gimp_grid, only: grid_t, nodes_per_block, nf => fields_per_node
+  use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, canonical_node
   use gimp_blocks, only: slot_of_node, node_in_block
   use gimp_engine, only: engine_t
   use gimp_time_table, only: time_table_t, factor_at
@@ -199,49 +199,67 @@ contains
   end subroutine add_point
 
   !> Add the loads to the forces of the nodes (fields 5-7), with tents at the points
-  subroutine add_loads(loads, engine, slots, raw, lost)
+  subroutine add_loads(loads, engine, slots, masses, cutoff, raw, lost)
     type(loads_t), intent(in) :: loads
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: slots
+    real(wp), intent(in) :: masses(nf, nodes_per_block, slots) !! field 4: nodal masses, images folded
+    real(wp), intent(in) :: cutoff !! nodes with less mass do not move [kg]
     real(wp), intent(inout) :: raw(nf, nodes_per_block, slots)
-    integer, intent(inout) :: lost !! corners whose node is not active, so that force is lost
-    integer :: q, i, j, k, slot, place, node(3), reach(3)
-    real(wp) :: s
-    reach = merge(1, 0, [1, 2, 3] <= engine%grid%dim)
+    integer, intent(inout) :: lost !! points without a node of mass around them, so that their force is lost
+    real(wp) :: s(8), sign(3, 8)
+    integer :: q, k, n, slot(8), place(8)
     do q = 1, loads%n
-      do k = 0, reach(3)
-        do j = 0, reach(2)
-          do i = 0, reach(1)
-            call tent_at(engine%grid%dim, loads%x(:, q), [i, j, k], node, s)
-            slot = slot_of_node(engine%table, engine%grid, node)
-            if (slot == 0) then
-              lost = lost + 1
-              cycle
-            end if
-            place = node_in_block(engine%grid, node)
-            raw(5:7, place, slot) = raw(5:7, place, slot) + s*loads%f(:, q)
-          end do
-        end do
+      call find_nodes(engine, slots, masses, cutoff, loads%x(:, q), n, slot, place, s, sign)
+      if (n == 0) lost = lost + 1
+      do k = 1, n
+        raw(5:7, place(k), slot(k)) = raw(5:7, place(k), slot(k)) + s(k)*sign(:, k)*loads%f(:, q)
       end do
     end do
   end subroutine add_loads
 
-  !> Node of a corner of the cell around a point, and its tent
-  pure subroutine tent_at(dim, x, corner, node, s)
-    integer, intent(in) :: dim, corner(3)
-    real(wp), intent(in) :: x(3)
-    integer, intent(out) :: node(3)
-    real(wp), intent(out) :: s
-    real(wp) :: b
-    integer :: k
-    node = 0
-    s = 1.0_wp
-    do k = 1, dim
-      b = x(k) - floor(x(k))
-      node(k) = floor(x(k)) + corner(k)
-      s = s*merge(b, 1.0_wp - b, corner(k) == 1)
+  !> The nodes of mass around a point and their shares: tents, or where some corners of the cell have no mass (the corner of a
+  !> sheared domain may reach beyond the material) the tents of the others, scaled so that no force is lost
+  subroutine find_nodes(engine, slots, masses, cutoff, x, n, slot, place, s, sign)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: slots
+    real(wp), intent(in) :: masses(nf, nodes_per_block, slots), cutoff, x(3)
+    integer, intent(out) :: n, slot(8), place(8)
+    real(wp), intent(out) :: s(8), sign(3, 8)
+    real(wp) :: b, share, total
+    integer :: corner, k, node(3), target(3)
+    logical :: complete
+    n = 0
+    total = 0.0_wp
+    complete = .true.
+    do corner = 0, 2**engine%grid%dim - 1
+      node = 0
+      share = 1.0_wp
+      do k = 1, engine%grid%dim
+        b = x(k) - floor(x(k))
+        node(k) = floor(x(k)) + merge(1, 0, btest(corner, k - 1))
+        share = share*merge(b, 1.0_wp - b, btest(corner, k - 1))
+      end do
+      call canonical_node(engine%grid, node, target, sign(:, n + 1))
+      slot(n + 1) = slot_of_node(engine%table, engine%grid, target)
+      place(n + 1) = node_in_block(engine%grid, target)
+      if (slot(n + 1) > 0) then
+        if (masses(node_mass, place(n + 1), slot(n + 1)) > cutoff) then
+          n = n + 1
+          s(n) = share
+          total = total + share
+          cycle
+        end if
+      end if
+      complete = complete .and. share <= 0.0_wp
     end do
-  end subroutine tent_at
+    if (complete) return
+    if (total > 0.0_wp) then
+      s(:n) = s(:n)/total
+    else if (n > 0) then
+      s(:n) = 1.0_wp/n ! the point lies right on a node without mass
+    end if
+  end subroutine find_nodes
 
   !> Work of the loads in the step, with the mean of the grid velocity before and after the force (fields 1-3 minus half of
   !> fields 5-7); call before particles move
@@ -251,21 +269,14 @@ contains
     integer, intent(in) :: slots
     real(wp), intent(in) :: g(nf, nodes_per_block, slots)
     real(wp), intent(in) :: kick !! step of velocities [s]
-    integer :: q, i, j, k, slot, place, node(3), reach(3)
-    real(wp) :: s
+    real(wp) :: s(8), sign(3, 8)
+    integer :: q, k, n, slot(8), place(8)
     work = 0.0_dp
-    reach = merge(1, 0, [1, 2, 3] <= engine%grid%dim)
     do q = 1, loads%n
-      do k = 0, reach(3)
-        do j = 0, reach(2)
-          do i = 0, reach(1)
-            call tent_at(engine%grid%dim, loads%x(:, q), [i, j, k], node, s)
-            slot = slot_of_node(engine%table, engine%grid, node)
-            if (slot == 0) cycle
-            place = node_in_block(engine%grid, node)
-            work = work + real(kick*s*sum(loads%f(:, q)*(g(1:3, place, slot) - 0.5_wp*g(5:7, place, slot))), dp)
-          end do
-        end do
+      call find_nodes(engine, slots, g, 0.0_wp, loads%x(:, q), n, slot, place, s, sign)
+      do k = 1, n
+        work = work + real(kick*s(k)*sum(sign(:, k)*loads%f(:, q)*(g(1:3, place(k), slot(k)) &
+                                                                   - 0.5_wp*g(5:7, place(k), slot(k)))), dp)
       end do
     end do
   end function work_of_loads

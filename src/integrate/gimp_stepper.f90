@@ -93,8 +93,8 @@ contains
       if (s%walls%side(2, k)%condition == side_free .and. .not. s%walls%side(2, k)%removes) &
         s%engine%allowed_high(k) = s%engine%grid%cells(k)
       if (s%engine%grid%periodic(k)) then
-        s%engine%allowed_low(k) = -2.0_wp
-        s%engine%allowed_high(k) = s%engine%grid%cells(k) + 2.0_wp
+        s%engine%allowed_low(k) = -huge(1.0_wp) ! positions wrap around at the next sort
+        s%engine%allowed_high(k) = huge(1.0_wp)
       end if
     end do
     call resort(s)
@@ -131,8 +131,9 @@ contains
     type(stepper_t), intent(inout) :: s
     real(wp), intent(in) :: until !! [s]
     type(error_t), allocatable, intent(out) :: error
-    call next_step(s%time_options, s%engine%grid%spacing, s%rate, s%speed, s%strain_rate, s%free_dt, until, s%dt, s%free_dt, &
-                   s%limit)
+    real(wp) :: last
+    last = s%free_dt
+    call next_step(s%time_options, s%engine%grid%spacing, s%rate, s%speed, s%strain_rate, last, until, s%dt, s%free_dt, s%limit)
     if (s%dt < s%time_options%smallest .and. s%limit /= 6) then
       call raise(error, "step "//text_of(s%step + 1)//", t = "//text_of(s%time)//" s: the step has collapsed to " &
                  //text_of(s%dt)//" s, below smallest_step = "//text_of(s%time_options%smallest)//" s")
@@ -413,12 +414,13 @@ contains
         end do
         !$omp end parallel do
         call add_spills(engine, table%slots, s%raw)
+        call fold_images(engine%images, table%slots, s%raw)
         if (loaded) then
           lost = 0
-          call add_loads(s%loads, engine, table%slots, s%raw, lost)
+          if (stage == stage_full) engine%g(4, :, :) = s%raw(4, :, :) ! the kick finds the masses there already
+          call add_loads(s%loads, engine, table%slots, engine%g, s%cutoff_mass, s%raw, lost)
           s%books%lost_loads = s%books%lost_loads + lost
         end if
-        call fold_images(engine%images, table%slots, s%raw)
         !$omp parallel do schedule(dynamic, 16)
         do slot = 1, table%slots
           call update_nodes(step, engine%grid, s%walls, s%held(slot), table%slot_at(:, slot), s%raw(:, :, slot), &

@@ -1,7 +1,9 @@
 !> Hypoelastic solid: an objective rate of the Cauchy stress is lambda tr(D) I + 2 mu D.
 !>
 !> Rates, with a = dt (lambda tr(D) I + 2 mu D)/2 and D, W of the velocity gradient given:
-!> - hughes_winget, symmetric (default): s <- Q (s + a) Q^T + a, Q = (I - dt W/2)^-1 (I + dt W/2); second order;
+!> - hughes_winget, midpoint (default): s <- Q (s + a) Q^T + a, Q = (I - dt W/2)^-1 (I + dt W/2), with D and W of
+!>   L (I + dt L/2)^-1: the gradient of the grid refers to x_n, this one to x_n+1/2; second order;
+!> - hughes_winget, symmetric: the same with L as given; second order where L is that of the middle of the step;
 !> - hughes_winget, plain (Hughes & Winget 1980): s <- Q s Q^T + 2 a; first order when strain and rotation act together;
 !> - jaumann: s <- s + dt (W s - s W) + 2 a; first order, a pure spin makes the deviator grow: for comparison only.
 !>
@@ -16,17 +18,18 @@ module gimp_linear_elastic
   use gimp_error, only: error_t
   use gimp_material, only: material_t
   use gimp_material_options, only: material_options_t, set_elasticity, refuse, complain
-  use gimp_tensor, only: determinant, symmetric_of, rotation_cayley, rotate_symmetric
+  use gimp_tensor, only: increment_forward, inverse, multiply, determinant, symmetric_of, rotation_cayley, rotate_symmetric
   implicit none(type, external)
   private
-  public :: linear_elastic_t, make_linear_elastic, symmetric_hughes_winget, plain_hughes_winget, explicit_jaumann
+  public :: linear_elastic_t, make_linear_elastic, symmetric_hughes_winget, plain_hughes_winget, explicit_jaumann, &
+    midpoint_hughes_winget
 
-  integer, parameter :: symmetric_hughes_winget = 1, plain_hughes_winget = 2, explicit_jaumann = 3
+  integer, parameter :: symmetric_hughes_winget = 1, plain_hughes_winget = 2, explicit_jaumann = 3, midpoint_hughes_winget = 4
   integer, parameter :: at_energy = 7 !! history: Cauchy stress 1 to 6, then the energy
 
   !> The model; needs density, lambda, mu and the scheme
   type, extends(material_t) :: linear_elastic_t
-    integer :: scheme = symmetric_hughes_winget !! how the stress is carried
+    integer :: scheme = midpoint_hughes_winget !! how the stress is carried
   contains
     procedure :: start_state
     procedure :: advance_state
@@ -42,15 +45,17 @@ contains
     class(material_t), allocatable, intent(out) :: material
     type(error_t), allocatable, intent(out) :: error
     integer :: scheme
-    scheme = symmetric_hughes_winget
+    scheme = midpoint_hughes_winget
     select case (options%rate)
     case ("", "hughes_winget")
       select case (options%rate_form)
-      case ("", "symmetric")
+      case ("", "midpoint")
+      case ("symmetric")
+        scheme = symmetric_hughes_winget
       case ("plain")
         scheme = plain_hughes_winget
       case default
-        call complain(options, "rate_form", "must be symmetric or plain", error)
+        call complain(options, "rate_form", "must be midpoint, symmetric or plain", error)
       end select
     case ("jaumann")
       scheme = explicit_jaumann
@@ -84,14 +89,16 @@ contains
     real(wp), intent(in) :: dt, l(lanes, 9), df(lanes, 9), f(lanes, 9)
     real(wp), intent(inout) :: state(lanes, *)
     real(wp), intent(out) :: dissipated(lanes)
-    real(wp) :: d(lanes, 6), half(lanes, 6), q(lanes, 9), power_before(lanes), power_after(lanes), j(lanes), dj(lanes)
+    real(wp) :: d(lanes, 6), half(lanes, 6), q(lanes, 9), rate(lanes, 9), power_before(lanes), power_after(lanes), j(lanes), dj(lanes)
     integer :: k
-    call symmetric_of(l, d)
+    rate = l
+    if (self%scheme == midpoint_hughes_winget) call at_middle(dt, l, rate)
+    call symmetric_of(rate, d)
     call half_increment(self%lambda, self%mu, dt, d, half)
     call stress_power(state, d, power_before)
     select case (self%scheme)
-    case (symmetric_hughes_winget)
-      call rotation_cayley(dt, l, q)
+    case (symmetric_hughes_winget, midpoint_hughes_winget)
+      call rotation_cayley(dt, rate, q)
       call add(half, 1.0_wp, state)
       call rotate_symmetric(q, state)
       call add(half, 1.0_wp, state)
@@ -113,6 +120,23 @@ contains
       dissipated(k) = 0.0_wp
     end do
   end subroutine advance_state
+
+  !> L (I + dt L/2)^-1: the velocity gradient with respect to the positions of the middle of the step
+  pure subroutine at_middle(dt, l, middle)
+    real(wp), intent(in) :: dt, l(lanes, 9)
+    real(wp), intent(out) :: middle(lanes, 9)
+    real(wp) :: half_way(lanes, 9), back(lanes, 9), det(lanes)
+    integer :: c, k
+    call increment_forward(0.5_wp*dt, l, half_way)
+    call determinant(half_way, det)
+    call inverse(half_way, back)
+    call multiply(l, back, middle)
+    do c = 1, 9 ! a step that turns the half way inside out is about to fail: nothing here may trap before the driver says so
+      do k = 1, lanes
+        if (.not. det(k) > 0.01_wp) middle(k, c) = l(k, c)
+      end do
+    end do
+  end subroutine at_middle
 
   !> dt (lambda tr(D) I + 2 mu D)/2
   pure subroutine half_increment(lambda, mu, dt, d, half)

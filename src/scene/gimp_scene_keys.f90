@@ -178,8 +178,9 @@ contains
              "edges, or the inner ones", words="plane_strain outer inner", default="plane_strain", when=soil)
     call add(t, n, g, "rate", kind_word, "objective update of the stress", words="hughes_winget jaumann", &
              default="hughes_winget", when="model=linear_elastic")
-    call add(t, n, g, "rate_form", kind_word, "symmetric: the increment is turned by half the step as well; plain: it is "// &
-             "added unrotated", words="symmetric plain", default="symmetric", when="model=linear_elastic")
+    call add(t, n, g, "rate_form", kind_word, "midpoint: rates refer to the middle of the step; symmetric: to its start, half of "// &
+             "the increment is turned; plain: none is", words="midpoint symmetric plain", default="midpoint", &
+             when="model=linear_elastic rate=hughes_winget")
   end subroutine material_keys
 
   pure subroutine body_keys(t, n)
@@ -299,7 +300,7 @@ contains
     call add(t, n, g, "integrator", kind_word, "time integrator", words="symplectic", default="symplectic", &
              planned="generalized_alpha newmark implicit")
     call add(t, n, g, "deformation_update", kind_word, "update of F from the velocity gradient", &
-             words="cayley forward exponential", default="cayley")
+             words="forward cayley exponential", default="forward")
     call add(t, n, g, "half_step_start", kind_logical, "first velocity update is half a step, as leap-frog wants it", &
              default=".true.")
     call add(t, n, g, "mass_cutoff", kind_real, "nodes below this share of the largest particle mass are left out", &

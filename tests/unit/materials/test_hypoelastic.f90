@@ -18,6 +18,7 @@ program test_hypoelastic
   call test_hundred_turns()
   call test_pure_spin()
   call test_objectivity()
+  call test_stretch()
   call test_energy()
   call test_starting_stress()
   call end_suite()
@@ -79,7 +80,7 @@ contains
     eye = reshape(identity, [3, 3])
     unit = spread(identity, 1, lanes)
     do scheme = 1, 3
-      if (scheme == 1) call make("", "", material) ! symmetric is the default
+      if (scheme == 1) call make("", "symmetric", material)
       if (scheme == 2) call make("hughes_winget", "plain", material)
       if (scheme == 3) call make("jaumann", "", material)
       call random_state(scheme, l, stress)
@@ -205,6 +206,40 @@ contains
     call check(state(1, 1:6), [cos(2*angle), -cos(2*angle), 0.0_wp, sin(2*angle), 0.0_wp, 0.0_wp], 1.0e-14_wp, &
       "Hughes-Winget turns by 2 atan(w dt/2)")
   end subroutine test_pure_spin
+
+  !> Stretching along one axis at a steady speed, seen as the grid sees it (gradients with respect to the start of each step):
+  !> the stress must follow (lambda + 2 mu) ln(stretch); only the midpoint form does so to second order
+  subroutine test_stretch()
+    real(wp) :: with_20, with_40
+    call stretch_error("midpoint", 20, with_20)
+    call stretch_error("midpoint", 40, with_40)
+    call check(log(with_20/with_40)/log(2.0_wp), 2.0_wp, 0.05_wp, "midpoint form: order in time of a stretch")
+    call stretch_error("symmetric", 20, with_20)
+    call stretch_error("symmetric", 40, with_40)
+    call check(log(with_20/with_40)/log(2.0_wp), 1.0_wp, 0.05_wp, "L as given: order in time of a stretch")
+  end subroutine test_stretch
+
+  subroutine stretch_error(form, steps, error)
+    character(len=*), intent(in) :: form
+    integer, intent(in) :: steps
+    real(wp), intent(out) :: error
+    class(material_t), allocatable :: material
+    real(wp) :: l(lanes, 9), f(lanes, 9), df(lanes, 9), x(lanes, 9), state(lanes, states), work(lanes), stress(lanes, 6)
+    integer :: n
+    call make("hughes_winget", form, material)
+    f = spread(identity, 1, lanes)
+    stress = 0
+    call material%start_state(f, stress, state)
+    do n = 1, steps
+      l = 0
+      l(:, 1) = 1.0_wp/f(:, 1) ! the front moves at unit speed: stretch 1 to 2 in unit time
+      call increment_forward(1.0_wp/steps, l, df)
+      call multiply(df, f, x)
+      f = x
+      call material%advance_state(1.0_wp/steps, l, df, f, state, work)
+    end do
+    error = abs(state(1, 1)/(material%lambda + 2*material%mu) - log(2.0_wp))
+  end subroutine stretch_error
 
   !> The whole motion turned by a fixed rotation: the stress is the turned stress, for every scheme
   subroutine test_objectivity()

@@ -9,7 +9,7 @@ program test_material_table
   use gimp_material_options, only: is_set, real_option, word_option
   use gimp_hencky_von_mises, only: hencky_von_mises_t
   use gimp_drucker_prager, only: drucker_prager_t
-  use gimp_linear_elastic, only: linear_elastic_t, symmetric_hughes_winget, plain_hughes_winget, explicit_jaumann
+  use gimp_linear_elastic, only: linear_elastic_t, midpoint_hughes_winget, symmetric_hughes_winget, plain_hughes_winget, explicit_jaumann
   use gimp_check, only: begin_suite, end_suite, check, check_true
   implicit none(type, external)
 
@@ -55,8 +55,9 @@ contains
   end subroutine test_every_model
 
   subroutine test_rates()
-    call scheme_is("", "", symmetric_hughes_winget)
-    call scheme_is("hughes_winget", "", symmetric_hughes_winget)
+    call scheme_is("", "", midpoint_hughes_winget)
+    call scheme_is("", "symmetric", symmetric_hughes_winget)
+    call scheme_is("hughes_winget", "", midpoint_hughes_winget)
     call scheme_is("hughes_winget", "symmetric", symmetric_hughes_winget)
     call scheme_is("", "plain", plain_hughes_winget)
     call scheme_is("jaumann", "", explicit_jaumann)
@@ -153,7 +154,7 @@ contains
     call complains(options, "&material ""block"": rate = 'truesdell'; must be hughes_winget or jaumann")
     options = sound("linear_elastic")
     options%rate_form = "skew"
-    call complains(options, "&material ""block"": rate_form = 'skew'; must be symmetric or plain")
+    call complains(options, "&material ""block"": rate_form = 'skew'; must be midpoint, symmetric or plain")
     options = sound("linear_elastic")
     options%rate = "jaumann"
     options%rate_form = "plain"
