@@ -304,7 +304,7 @@ def two_disks(**more):
     """The set-up of the table: 20 x 20 cells on the unit square, step 0.005 s, plain start, forward F. The box is two cells wider
     on each side, because a disk beside a wall would stick to it and the table was measured without walls."""
     return {"grid__lower": [-0.1, -0.1], "grid__upper": [1.1, 1.1], "grid__spacing": 0.05, "time__step_rule": "fixed", "time__step": 0.005,
-            "time__courant": None, "method__half_step_start": False, "method__deformation_update": "forward", **FEW_FRAMES, **more}
+            "time__courant": None, "method__half_step_start": False, "method__deformation_update": "forward", "output__history_every": 1, **FEW_FRAMES, **more}
 
 
 @pytest.mark.parametrize("basis, scheme, least, when, kinetic, total", [
