@@ -13,6 +13,7 @@ module gimp_populate
   use gimp_verification, only: verification_t, exact_motion
   use gimp_snapshot, only: needs_reference
   use gimp_stepper, only: stepper_t
+  use gimp_engine, only: affine_none
   use gimp_loads, only: load_point
   use gimp_scene, only: scene_t, count_groups, is_given, real_of, reals_of, integers_of, integer_of, word_of, text_of_key, &
     texts_of, complain
@@ -249,6 +250,7 @@ contains
         call add_field(p, "half_length", d, p%half_length)
       end if
       if (s%engine%basis == basis_cpgimp) call add_field(p, "domain", d, p%domain)
+      if (s%engine%affine /= affine_none) call add_field(p, "affine", d*d, p%affine)
       if (reference) call add_field(p, "reference", d, p%reference)
       if (allocated(s%engine%body_force)) call add_field(p, "force", d, p%force)
       if (face_loads) call add_field(p, "faces", 1, p%faces)

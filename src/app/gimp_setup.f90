@@ -3,13 +3,13 @@ module gimp_setup
   use gimp_kinds, only: wp, i8, lanes
   use gimp_error, only: error_t, add_error
   use gimp_grid, only: make_grid
-  use gimp_basis, only: basis_of_word, basis_cpgimp, basis_ugimp
+  use gimp_basis, only: basis_of_word, basis_linear, basis_cpgimp, basis_ugimp
   use gimp_domains, only: domain_of_word
   use gimp_material, only: material_t
   use gimp_material_options, only: material_options_t
   use gimp_material_table, only: make_material
   use gimp_verification, only: verification_t, verification_options_t, make_verification, has_body_force
-  use gimp_engine, only: law_t
+  use gimp_engine, only: law_t, affine_none, affine_apic, affine_tpic
   use gimp_walls, only: walls_t, set_walls, side_of_word, condition_of_word
   use gimp_time_table, only: time_table_t
   use gimp_loads, only: loads_t, load_traction, load_pressure, load_point, most_face_loads
@@ -158,6 +158,13 @@ contains
     s%method%scheme = scheme_of_word(word_of(scene, "method", 1, "stress_update"))
     s%method%flip = real_of(scene, "method", 1, "flip_fraction")
     if (word_of(scene, "method", 1, "transfer") == "pic") s%method%flip = 0.0_wp
+    select case (word_of(scene, "method", 1, "transfer"))
+    case ("apic"); s%engine%affine = affine_apic
+    case ("tpic"); s%engine%affine = affine_tpic
+    case default; s%engine%affine = affine_none
+    end select
+    if (s%engine%affine /= affine_none .and. s%engine%basis == basis_linear) call complain(error, scene, "method", 1, &
+      "transfer", "diverges with basis = 'linear' (the carried gradient grows without bound at light nodes); use flip")
     s%method%cutoff = real_of(scene, "method", 1, "mass_cutoff")
     s%method%half_start = logical_of(scene, "method", 1, "half_step_start")
     select case (word_of(scene, "method", 1, "damping"))

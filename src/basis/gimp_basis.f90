@@ -7,7 +7,7 @@ module gimp_basis
   use gimp_kinds, only: wp
   implicit none(type, external)
   private
-  public :: weight_list_t, make_weight_list, axis_weights, basis_of_word, basis_words, support_width
+  public :: weight_list_t, make_weight_list, take_moments, list_inertia, axis_weights, basis_of_word, basis_words, support_width
   public :: basis_linear, basis_ugimp, basis_cpgimp, longest_half, narrow_half, most_nodes
 
   integer, parameter :: basis_linear = 1, basis_ugimp = 2, basis_cpgimp = 3
@@ -113,5 +113,34 @@ contains
       end do
     end do
   end subroutine make_weight_list
+
+  !> Turn the gradients of a list into moments S (x_i - x_p) [cells], which affine transfers use in their place
+  pure subroutine take_moments(dim, x, list)
+    integer, intent(in) :: dim
+    real(wp), intent(in) :: x(:) !! (dim) [cells]
+    type(weight_list_t), intent(inout) :: list
+    integer :: i
+    do i = 1, list%n
+      list%g(:dim, i) = list%s(i)*(list%node(:dim, i) - x(:dim))
+    end do
+  end subroutine take_moments
+
+  !> Inertia D_kk = sum S (x_i - x_p)_k^2 [cells^2] of a particle (Jiang et al. 2015); off-diagonal terms vanish, since the
+  !> weights are products that reproduce linear fields
+  pure function list_inertia(dim, x, half) result(inertia)
+    integer, intent(in) :: dim
+    real(wp), intent(in) :: x(:), half(:) !! (dim) [cells]
+    real(wp) :: inertia(3)
+    real(wp) :: s(most_axis), g(most_axis)
+    integer :: first, n, k, i
+    inertia = 1.0_wp
+    do k = 1, dim
+      call axis_weights(x(k), half(k), first, n, s, g)
+      inertia(k) = 0.0_wp
+      do i = 1, n
+        inertia(k) = inertia(k) + s(i)*(first + i - 1 - x(k))**2
+      end do
+    end do
+  end function list_inertia
 
 end module gimp_basis

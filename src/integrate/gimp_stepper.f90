@@ -9,7 +9,7 @@ module gimp_stepper
   use gimp_accumulator, only: add_to, block_sum
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, has_images
   use gimp_images, only: fold_images, copy_images
-  use gimp_engine, only: engine_t, pass_t, sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, &
+  use gimp_engine, only: engine_t, pass_t, sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, &
     peak_rate, peak_speed, peak_strain, fate_fine, fate_inverted, fate_outside, fate_jumped
   use gimp_particle_pass, only: particle_pass
   use gimp_pads, only: sum_pads, add_spills
@@ -103,7 +103,7 @@ contains
     s%cutoff_mass = s%method%cutoff*s%cutoff_mass
     call run_pass(s, give_pass(s, s%time), error)
     if (allocated(error)) return
-    s%books%kinetic = block_sum(s%engine%sums(sum_kinetic, :))
+    s%books%kinetic = kinetic_given(s)
     s%books%kinetic_start = s%books%kinetic
     s%books%momentum_start = momentum_of(s)
     s%books%mass = sum(real(s%engine%particles%p(:, s%engine%particles%mass%first, :), dp))
@@ -111,6 +111,12 @@ contains
     s%books%momentum_scale = max(s%books%momentum_scale, sqrt(2.0_dp*s%books%kinetic*s%books%mass))
     s%kinetic_peak = s%books%kinetic
   end subroutine start_run
+
+  !> Kinetic energy of the particles as they last gave to the grid, that of their affine parts included [J]
+  pure real(dp) function kinetic_given(s)
+    type(stepper_t), intent(in) :: s
+    kinetic_given = block_sum(s%engine%sums(sum_kinetic, :)) + block_sum(s%engine%sums(sum_affine, :))
+  end function kinetic_given
 
   !> Momentum of all particles [kg m/s], summed by chunk
   pure function momentum_of(s) result(momentum)
@@ -193,7 +199,7 @@ contains
     call finish_pass(s, last, error)
     if (allocated(error)) return
 
-    kinetic = block_sum(s%engine%sums(sum_kinetic, :))
+    kinetic = kinetic_given(s)
     call close_step(s%books, kinetic + s%removed_kinetic)
     s%books%kinetic = kinetic
     s%step = s%step + 1
@@ -437,6 +443,7 @@ contains
     do slot = 1, s%engine%table%slots
       call add_to(sums, carry, part(:, slot))
     end do
+    sums(book_given) = sums(book_given) + block_sum(s%engine%sums(sum_affine, :)) ! not a field of the nodes
     call book_stage(s%books, stage, kick, 1.0_wp - s%method%flip, sums + carry)
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
   end subroutine nodal_stage
@@ -483,6 +490,9 @@ contains
     s%books%impulse = s%books%impulse - momentum_of(s)
     do k = 1, s%engine%grid%dim
       s%engine%particles%p(:, v + k - 1, :) = 0.0_wp
+    end do
+    do k = 1, s%engine%particles%affine%components
+      s%engine%particles%p(:, s%engine%particles%affine%first + k - 1, :) = 0.0_wp
     end do
     s%books%damping = s%books%damping + kinetic
     s%books%kinetic = 0.0_dp

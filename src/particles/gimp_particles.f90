@@ -40,6 +40,7 @@ module gimp_particles
     type(field_t) :: reference !! position at the start [m]
     type(field_t) :: force !! external force on the particle [N]
     type(field_t) :: faces !! bit mask of loaded faces, as a whole number
+    type(field_t) :: affine !! velocity gradient that the particle carries (apic, tpic), row by row [1/s]
     type(field_t) :: state !! history of the material
     real(wp), pointer, contiguous :: p(:, :, :) => null() !! (lane, component, chunk)
     real(wp), pointer, contiguous :: spare(:, :, :) => null() !! target of the next sort

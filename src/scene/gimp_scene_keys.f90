@@ -291,10 +291,10 @@ contains
              planned="cpdi cpdi2 ddmp bspline2 bspline3 gauss_gimp")
     call add(t, n, g, "domain", kind_word, "half length of a particle's domain from the stretch U, from F_kk, or from the "// &
              "volume", words="stretch diagonal volume", default="stretch", when="basis=cpgimp")
-    call add(t, n, g, "transfer", kind_word, "how grid velocity comes back to particles", words="flip pic", default="flip", &
-             planned="apic tpic mls xpic fmpm")
-    call add(t, n, g, "flip_fraction", kind_real, "share of FLIP; the rest is PIC", range="[0,1]", default="1", &
-             when="transfer=flip")
+    call add(t, n, g, "transfer", kind_word, "how grid velocity comes back to particles", words="flip pic apic tpic", &
+             default="flip", planned="mls xpic fmpm")
+    call add(t, n, g, "flip_fraction", kind_real, "q in v' = S v+ + q (v - S v): the share of FLIP", range="[0,1]", &
+             default="?transfer flip=1 apic=0.95 tpic=0.95", when="transfer=flip|apic|tpic")
     call add(t, n, g, "stress_update", kind_word, "where in the step stress is updated", words="usf usl musl usavg", &
              default="musl")
     call add(t, n, g, "integrator", kind_word, "time integrator", words="symplectic", default="symplectic", &

@@ -11,17 +11,19 @@ module gimp_engine
   use, intrinsic :: iso_c_binding, only: c_f_pointer
   implicit none(type, external)
   private
-  public :: engine_bytes
+  public :: engine_bytes, affine_none, affine_apic, affine_tpic
   public :: engine_t, law_t, pass_t, spill_t, body_force_t, allot_grid, pad_nodes, pad_edge, drift
-  public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, n_sums
+  public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, n_sums
   public :: peak_rate, peak_speed, peak_strain, n_peaks
   public :: fate_fine, fate_inverted, fate_outside, fate_lost, fate_jumped
 
   integer, parameter :: drift = 1 !! cells that a particle may stray from its block before it must be sorted
 
+  integer, parameter :: affine_none = 0, affine_apic = 1, affine_tpic = 2
+
   !> Sums of a block over one pass, added in block order afterwards
   integer, parameter :: sum_kinetic = 1, sum_external = 2, sum_plastic = 3, sum_clamped = 4, sum_wide = 5, &
-    sum_impulse = 6, n_sums = 8 !! 6-8: impulse of the forces on particles
+    sum_impulse = 6, sum_affine = 9, n_sums = 9 !! 6-8: impulse of the forces on particles; 9: energy of their affine part
   !> Largest values of a block over one pass
   integer, parameter :: peak_rate = 1 !! wave speed plus particle speed [m/s]
   integer, parameter :: peak_speed = 2 !! particle speed [m/s]
@@ -87,6 +89,7 @@ module gimp_engine
     class(body_force_t), allocatable :: body_force
     integer :: basis = basis_linear
     integer :: domain_rule = 0
+    integer :: affine = affine_none !! affine part of the velocity transfer
     integer :: f_update = 1 !! 1 Cayley, 2 forward, 3 exponential
     logical :: list_kernel = .false. !! walk weight lists everywhere
     real(wp), pointer, contiguous :: g(:, :, :) => null() !! (field, node of block, slot)

@@ -105,7 +105,7 @@ contains
   end subroutine lattice_cloud
 
   !> An engine with these particles, neo-Hookean materials of different stiffness; particles still have to be sorted
-  subroutine make_engine(dim, basis, cells, spacing, cloud, engine, with_force, with_faces, uniform)
+  subroutine make_engine(dim, basis, cells, spacing, cloud, engine, with_force, with_faces, uniform, affine)
     integer, intent(in) :: dim, basis
     integer, intent(in) :: cells(3)
     real(wp), intent(in) :: spacing !! [m]
@@ -113,6 +113,7 @@ contains
     type(engine_t), intent(out) :: engine
     logical, intent(in), optional :: with_force, with_faces
     logical, intent(in), optional :: uniform !! half lengths of the first particle for all, not stored with each
+    integer, intent(in), optional :: affine !! kind of affine transfer; the gradients carried start at zero
     real(wp) :: zero(3)
     integer :: m, i, k, c, l, chunks, of_material
     logical :: stores_half
@@ -143,6 +144,10 @@ contains
       end if
       if (present(with_faces)) then
         if (with_faces) call add_field(p, "faces", 1, p%faces)
+      end if
+      if (present(affine)) then
+        engine%affine = affine
+        call add_field(p, "affine", dim*dim, p%affine)
       end if
       call add_field(p, "reference", dim, p%reference)
       allocate (p%groups(size(engine%laws)))
