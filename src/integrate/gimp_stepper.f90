@@ -8,7 +8,7 @@ module gimp_stepper
   use gimp_timer, only: seconds_now
   use gimp_accumulator, only: add_to, block_sum
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, has_images
-  use gimp_images, only: fold_images, copy_images
+  use gimp_images, only: note_images, fold_images, copy_images
   use gimp_engine, only: engine_t, pass_t, sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, &
     peak_rate, peak_speed, peak_strain, fate_fine, fate_inverted, fate_outside, fate_jumped
   use gimp_particle_pass, only: particle_pass
@@ -62,6 +62,7 @@ module gimp_stepper
     real(dp) :: seconds(n_phases) = 0.0_dp
     logical, allocatable, private :: held(:) !! (slot) touched by a side of the box
     real(wp), allocatable, private :: raw(:, :, :) !! sums of pads, when images, loads or spills need them all at once
+    real(wp), allocatable, private :: at_images(:, :) !! (field, image) given to images before they were folded
     logical, private :: sort_now = .false.
     real(dp), private :: kinetic_peak = 0.0_dp
     real(dp), private :: removed_kinetic = 0.0_dp !! left with particles in this step [J]
@@ -420,6 +421,7 @@ contains
         end do
         !$omp end parallel do
         call add_spills(engine, table%slots, s%raw)
+        call remember_images(s, stage)
         call fold_images(engine%images, table%slots, s%raw)
         if (loaded) then
           lost = 0
@@ -445,8 +447,43 @@ contains
     end do
     sums(book_given) = sums(book_given) + block_sum(s%engine%sums(sum_affine, :)) ! not a field of the nodes
     call book_stage(s%books, stage, kick, 1.0_wp - s%method%flip, sums + carry)
+    if (has_images(s%engine%grid) .and. (stage == stage_full .or. stage == stage_kick)) call book_images(s, kick)
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
   end subroutine nodal_stage
+
+  !> Keep what images were given: momentum and mass from the first stage of a step, forces from the one that has them
+  subroutine remember_images(s, stage)
+    type(stepper_t), intent(inout) :: s
+    integer, intent(in) :: stage
+    real(wp) :: held(nf, size(s%engine%images))
+    if (stage == stage_project) return
+    call note_images(s%engine%images, s%engine%table%slots, s%raw, held)
+    if (stage /= stage_kick) then
+      s%at_images = held
+    else
+      s%at_images(5:7, :) = held(5:7, :)
+    end if
+  end subroutine remember_images
+
+  !> A mirror turns around the normal momentum and force that its images were given, and what they give back: its reaction
+  subroutine book_images(s, kick)
+    type(stepper_t), intent(inout) :: s
+    real(wp), intent(in) :: kick
+    real(dp) :: impulse(3), part(3), pic
+    integer :: k
+    impulse = 0.0_dp
+    pic = 1.0_dp - s%method%flip
+    do k = 1, size(s%engine%images)
+      associate (i => s%engine%images(k), given => s%at_images(:, k))
+        associate (target => s%engine%g(:, i%target_place, i%target_slot))
+          part = kick*given(5:7) + given(4)*target(5:7) + pic*(given(1:3) + given(4)*(target(1:3) - target(5:7)))
+          impulse = impulse - (1.0_dp - i%sign(1:3))*part
+        end associate
+      end associate
+    end do
+    s%books%impulse = s%books%impulse + impulse
+    s%books%reaction = s%books%reaction + impulse/kick
+  end subroutine book_images
 
   !> Carry the sums of a stage into the books
   pure subroutine book_stage(books, stage, kick, pic, sums)

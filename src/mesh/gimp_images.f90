@@ -8,7 +8,7 @@ module gimp_images
   use gimp_blocks, only: block_table_t, slot_of_node, node_in_block
   implicit none(type, external)
   private
-  public :: image_t, images_wanted, build_images, fold_images, copy_images
+  public :: image_t, images_wanted, build_images, note_images, fold_images, copy_images
 
   !> One image and the node it stands for
   type :: image_t
@@ -83,6 +83,18 @@ contains
     end do
     images = wider(:n)
   end subroutine build_images
+
+  !> What the images hold now, for the books: a mirror turns the normal part of it around
+  pure subroutine note_images(images, slots, g, held)
+    type(image_t), intent(in) :: images(:)
+    integer, intent(in) :: slots
+    real(wp), intent(in) :: g(fields_per_node, nodes_per_block, slots)
+    real(wp), intent(out) :: held(fields_per_node, size(images))
+    integer :: k
+    do k = 1, size(images)
+      held(:, k) = g(:, images(k)%place, images(k)%slot)
+    end do
+  end subroutine note_images
 
   !> Add what images collected to the nodes they stand for, and empty the images
   pure subroutine fold_images(images, slots, g)
