@@ -8,9 +8,10 @@ function(gimp_add_room name)
     if(extension STREQUAL ".fypp")
       get_filename_component(base "${source}" NAME_WLE)
       set(expanded "${CMAKE_CURRENT_BINARY_DIR}/${base}.f90")
+      file(GLOB parts CONFIGURE_DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/*.inc") # what templates include
       add_custom_command(OUTPUT "${expanded}"
         COMMAND "${FYPP}" -n "${CMAKE_CURRENT_SOURCE_DIR}/${source}" "${expanded}"
-        DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/${source}" COMMENT "fypp ${source}")
+        DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/${source}" ${parts} COMMENT "fypp ${source}")
       list(APPEND sources "${expanded}")
     else()
       list(APPEND sources "${source}")
