@@ -132,6 +132,7 @@ contains
     type(progress_t), intent(out) :: progress
     character(len=*), intent(in) :: word !! auto, on, off
     progress%terminal = c_isatty(1_c_int) == 1
+    if (word == "on") progress%terminal = .false. ! plain lines wherever the output goes
     progress%shown = word /= "off"
     progress%start = seconds_now()
     progress%last = progress%start

@@ -4,7 +4,7 @@ module gimp_storage
   use, intrinsic :: iso_c_binding, only: c_ptr, c_size_t, c_loc, c_f_pointer, c_null_ptr, c_associated
   implicit none(type, external)
   private
-  public :: storage_t, reserve_storage, free_storage
+  public :: storage_t, reserve_storage
 
   !> A block of aligned memory that only grows; its owner points into it with `c_f_pointer`
   type :: storage_t
@@ -44,13 +44,5 @@ contains
     storage%bytes = bytes
     if (.not. c_associated(storage%address)) error stop "gimp.x: out of memory"
   end subroutine reserve_storage
-
-  !> Give the memory back
-  subroutine free_storage(storage)
-    type(storage_t), intent(inout) :: storage
-    if (c_associated(storage%address)) call c_free(storage%address)
-    storage%address = c_null_ptr
-    storage%bytes = 0
-  end subroutine free_storage
 
 end module gimp_storage

@@ -25,11 +25,11 @@ module gimp_stepper
   private
   public :: stepper_t, method_t, start_run, plan_step, take_step, usf, usl, musl, usavg
   public :: damping_none, damping_local, damping_kinetic, scheme_of_word
-  public :: phase_grid, phase_particles, phase_sort, phase_loads, n_phases
+  public :: phase_grid, phase_particles, phase_sort, n_phases
 
   integer, parameter :: usf = 1, usl = 2, musl = 3, usavg = 4
   integer, parameter :: damping_none = 0, damping_local = 1, damping_kinetic = 2
-  integer, parameter :: phase_grid = 1, phase_particles = 2, phase_sort = 3, phase_loads = 4, n_phases = 4
+  integer, parameter :: phase_grid = 1, phase_particles = 2, phase_sort = 3, n_phases = 3
 
   !> How a step is taken
   type :: method_t

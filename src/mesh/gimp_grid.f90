@@ -6,13 +6,12 @@ module gimp_grid
   use gimp_kinds, only: wp, i8
   implicit none(type, external)
   private
-  public :: grid_t, make_grid, block_edge, nodes_per_block, ghost_cells, block_key, fields_per_node
+  public :: grid_t, make_grid, block_edge, nodes_per_block, block_key, fields_per_node
   public :: node_mass, longest_axis, block_of_node, has_images, canonical_node
 
   integer, parameter :: nodes_per_block = 64
   integer, parameter :: fields_per_node = 8 !! one cache line: three components, mass, three components, energy
   integer, parameter :: node_mass = 4 !! field of the nodal mass
-  integer, parameter :: ghost_cells = 2 !! layers outside the box that domains may reach into
   integer, parameter :: longest_axis = 2**20 !! blocks along an axis that a key has room for
 
   !> Box and spacing

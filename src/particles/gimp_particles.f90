@@ -5,11 +5,11 @@
 !> every kernel sees the same cell. One list of fields says what this scene stores; sorting, checks and output walk it.
 module gimp_particles
   use gimp_kinds, only: wp, i8, lanes
-  use gimp_storage, only: storage_t, reserve_storage, free_storage
+  use gimp_storage, only: storage_t, reserve_storage
   use, intrinsic :: iso_c_binding, only: c_f_pointer
   implicit none(type, external)
   private
-  public :: particles_t, field_t, group_t, add_field, field_named, allot_chunks, swap_chunks, live_bytes
+  public :: particles_t, field_t, group_t, add_field, allot_chunks, swap_chunks, live_bytes
 
   !> A named quantity and where its components sit in a chunk
   type :: field_t
@@ -66,16 +66,6 @@ contains
     self%fields = [self%fields, field]
     self%components = self%components + components
   end subroutine add_field
-
-  !> The field of that name; `first` is 0 when the scene does not store it
-  pure type(field_t) function field_named(self, name) result(field)
-    type(particles_t), intent(in) :: self
-    character(len=*), intent(in) :: name
-    integer :: k
-    do k = 1, size(self%fields)
-      if (self%fields(k)%name == name) field = self%fields(k)
-    end do
-  end function field_named
 
   !> Room for `chunks` chunks in the spare store, which `swap_chunks` then makes the current one
   subroutine allot_chunks(self, chunks)

@@ -349,7 +349,7 @@ contains
     call add(t, n, g, "probes", kind_real, "points; the particle that starts nearest to each is followed", count_points, &
              most=60, unit="m", default="(none)")
     call add(t, n, g, "overwrite", kind_logical, "an existing NAME.vtkhdf is replaced", default=".false.")
-    call add(t, n, g, "progress", kind_word, "auto: a live line on a terminal, a plain line now and then in a log", &
+    call add(t, n, g, "progress", kind_word, "auto: a live line on a terminal, plain lines in a log; on: plain lines everywhere", &
              words="auto on off", default="auto")
   end subroutine output_keys
 

@@ -11,7 +11,7 @@ module gimp_list_kernel
   use gimp_engine, only: spill_t, drift
   implicit none(type, external)
   private
-  public :: wide_nodes, load_wide, gather_list, scatter_list, unload_wide, order_spill, reaches_wide
+  public :: wide_nodes, load_wide, gather_list, scatter_list, unload_wide, order_spill
 
 contains
 
@@ -30,15 +30,6 @@ contains
     place = 1 + (node(1) + reach(1)) + (grid%edge(1) + 2*reach(1))*((node(2) + reach(2)) &
       + (grid%edge(2) + 2*reach(2))*(node(3) + reach(3)))
   end function wide_place
-
-  !> Whether the domain of a particle stays on the block and its neighbours
-  pure logical function reaches_wide(grid, x, half)
-    type(grid_t), intent(in) :: grid
-    real(wp), intent(in) :: x(:), half(:) !! (dim) [cells]
-    integer :: d
-    d = grid%dim
-    reaches_wide = all(x(:d) - half(:d) >= -grid%edge(:d)) .and. all(x(:d) + half(:d) < 2*grid%edge(:d) - 1)
-  end function reaches_wide
 
   !> Copy the nodes around a block
   subroutine load_wide(grid, table, slots, g, block, wide)
