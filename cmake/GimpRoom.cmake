@@ -1,3 +1,14 @@
+# gimp_expand(RESULT TEMPLATE FOLDER): the Fortran file that fypp makes of a template
+function(gimp_expand result template folder)
+  get_filename_component(base "${template}" NAME_WLE)
+  set(expanded "${folder}/${base}.f90")
+  file(GLOB parts CONFIGURE_DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/*.inc") # what templates include
+  add_custom_command(OUTPUT "${expanded}"
+    COMMAND "${FYPP}" -n ${GIMP_FYPP_OPTIONS} "${CMAKE_CURRENT_SOURCE_DIR}/${template}" "${expanded}"
+    DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/${template}" ${parts} COMMENT "fypp ${template}")
+  set(${result} "${expanded}" PARENT_SCOPE)
+endfunction()
+
 # gimp_add_room(NAME SOURCES file... [USES room...] [LIBRARIES target...])
 # One room is one static library with a module directory of its own: a `use` of a room that is not listed does not compile.
 function(gimp_add_room name)
@@ -6,12 +17,7 @@ function(gimp_add_room name)
   foreach(source IN LISTS ROOM_SOURCES)
     get_filename_component(extension "${source}" LAST_EXT)
     if(extension STREQUAL ".fypp")
-      get_filename_component(base "${source}" NAME_WLE)
-      set(expanded "${CMAKE_CURRENT_BINARY_DIR}/${base}.f90")
-      file(GLOB parts CONFIGURE_DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/*.inc") # what templates include
-      add_custom_command(OUTPUT "${expanded}"
-        COMMAND "${FYPP}" -n "${CMAKE_CURRENT_SOURCE_DIR}/${source}" "${expanded}"
-        DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/${source}" ${parts} COMMENT "fypp ${source}")
+      gimp_expand(expanded "${source}" "${CMAKE_CURRENT_BINARY_DIR}")
       list(APPEND sources "${expanded}")
     else()
       list(APPEND sources "${source}")
@@ -28,7 +34,7 @@ function(gimp_add_room name)
   target_link_libraries(gimp_${name} PUBLIC ${ROOM_LIBRARIES} OpenMP::OpenMP_Fortran)
 endfunction()
 
-# gimp_add_unit_test(ROOM test_name [USES room...]): tests/unit/ROOM/test_name.f90 becomes the ctest ROOM.test_name
+# gimp_add_unit_test(ROOM test_name [USES room...]): tests/unit/ROOM/test_name.f90 (or .fypp) becomes the ctest ROOM.test_name
 function(gimp_add_unit_test room name)
   cmake_parse_arguments(TEST "" "" "USES" ${ARGN})
   foreach(needed IN LISTS room TEST_USES)
@@ -36,7 +42,11 @@ function(gimp_add_unit_test room name)
       return()
     endif()
   endforeach()
-  add_executable(${name} unit/${room}/${name}.f90)
+  set(source unit/${room}/${name}.f90)
+  if(EXISTS "${CMAKE_CURRENT_SOURCE_DIR}/unit/${room}/${name}.fypp")
+    gimp_expand(source unit/${room}/${name}.fypp "${CMAKE_CURRENT_BINARY_DIR}")
+  endif()
+  add_executable(${name} ${source})
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests"
     Fortran_MODULE_DIRECTORY "${CMAKE_BINARY_DIR}/modules/tests/${name}")
   target_link_libraries(${name} PRIVATE gimp_check gimp_${room})

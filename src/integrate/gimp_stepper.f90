@@ -265,7 +265,7 @@ contains
         call tell_fate(s, b, error)
         return
       end if
-      if (pass%force) s%rate = maxval(engine%peaks(peak_rate, :))
+      if (pass%force) s%rate = sqrt(maxval(engine%peaks(peak_rate, :)))
       if (pass%momentum) s%speed = sqrt(maxval(engine%peaks(peak_speed, :)))
       if (pass%strain) s%strain_rate = sqrt(maxval(engine%peaks(peak_strain, :)))
       s%books%plastic = s%books%plastic + block_sum(engine%sums(sum_plastic, :))

@@ -25,9 +25,9 @@ module gimp_engine
   integer, parameter :: sum_kinetic = 1, sum_external = 2, sum_plastic = 3, sum_clamped = 4, sum_wide = 5, &
     sum_impulse = 6, sum_affine = 9, n_sums = 9 !! 6-8: impulse of the forces on particles; 9: energy of their affine part
   !> Largest values of a block over one pass
-  integer, parameter :: peak_rate = 1 !! wave speed plus particle speed [m/s]
-  integer, parameter :: peak_speed = 2 !! particle speed [m/s]
-  integer, parameter :: peak_strain = 3 !! norm of the velocity gradient [1/s]
+  integer, parameter :: peak_rate = 1 !! square of wave speed plus particle speed [m2/s2]
+  integer, parameter :: peak_speed = 2 !! squared particle speed [m2/s2]
+  integer, parameter :: peak_strain = 3 !! squared norm of the velocity gradient [1/s2]
   integer, parameter :: n_peaks = 3
   !> What became of the worst particle of a block
   integer, parameter :: fate_fine = 0, fate_inverted = 1, fate_outside = 2, fate_lost = 3, fate_jumped = 4
