@@ -3,9 +3,10 @@
 !> Fields of the grid: before the update 1-3 momentum, 4 mass, 5-7 force, 8 kinetic energy given by the particles; after it
 !> 1-3 velocity, 4 mass, 5-7 change of velocity (or, after the projection of MUSL, the velocity that moves particles).
 module gimp_nodes
-  use gimp_kinds, only: wp, dp
+  use gimp_kinds, only: wp, dp, lanes
   use gimp_grid, only: grid_t, nodes_per_block, nf => fields_per_node
   use gimp_walls, only: walls_t, constrain
+  use gimp_kernels, only: to_lanes, to_fields
   implicit none(type, external)
   private
   public :: update_nodes, node_step_t, stage_full, stage_velocity, stage_kick, stage_project
@@ -48,72 +49,46 @@ contains
     real(wp), intent(inout) :: g(nf, nodes_per_block) !! what the particles will take
     real(dp), intent(out) :: sums(n_node_sums) !! books of this slot
     integer, parameter :: n = nodes_per_block
-    real(wp) :: m(n), r(n), v(n, 3), w(n, 3), old(n, 3)
-    integer :: i, d
-    d = grid%dim
+    real(wp) :: q(n, nf), m(n), v(n, 3), w(n, 3), old(n, nf)
+    integer :: i, k
     sums = 0.0_dp
+    call fields_last(raw, q)
 
     if (step%stage == stage_kick) then
-      do i = 1, n
-        v(i, :) = g(1:3, i)
-        m(i) = g(4, i)
-        if (m(i) > 0.0_wp) cycle ! the force of a cut node is lost
-        sums(book_impulse:book_impulse + 2) = sums(book_impulse:book_impulse + 2) - real(step%kick*raw(5:7, i), dp)
-      end do
+      call fields_last(g, old)
+      v = old(:, 1:3)
+      m = old(:, 4)
+      call note_lost_forces(n, step%kick, m, q, sums)
     else
-      if (step%stage == stage_project) then
-        do i = 1, n
-          old(i, :) = g(1:3, i)
-        end do
-      end if
-      !$omp simd
-      do i = 1, n
-        m(i) = raw(4, i)
-        r(i) = 0.0_wp
-        if (m(i) > step%cutoff) r(i) = 1.0_wp/m(i)
-        v(i, 1) = raw(1, i)*r(i)
-        v(i, 2) = raw(2, i)*r(i)
-        v(i, 3) = raw(3, i)*r(i)
-      end do
-      if (step%stage /= stage_project) call note_cut_nodes(n, step, raw, sums)
-      do i = 1, n
-        if (m(i) <= step%cutoff) m(i) = 0.0_wp
-      end do
+      call velocity_of(n, step%cutoff, q, m, v)
+      if (step%stage /= stage_project) call note_cut_nodes(n, step, m, q, sums)
       if (held) call hold(v, book=step%stage /= stage_project)
     end if
+    if (step%stage == stage_velocity .or. step%stage == stage_full) sums(book_given) = sum(real(q(:, 8), dp))
 
     select case (step%stage)
     case (stage_project)
-      do i = 1, n
-        g(1:3, i) = v(i, :)
-        g(4, i) = m(i)
-        g(5:7, i) = old(i, :)
-        g(8, i) = 0.0_wp
-      end do
-      return
+      call fields_last(g, old)
+      q(:, 1:3) = v
+      q(:, 5:7) = old(:, 1:3)
     case (stage_velocity)
-      do i = 1, n
-        sums(book_given) = sums(book_given) + real(raw(8, i), dp)
-        g(1:3, i) = v(i, :)
-        g(4, i) = m(i)
-        g(5:8, i) = 0.0_wp
-      end do
-      return
-    case (stage_full)
-      do i = 1, n
-        sums(book_given) = sums(book_given) + real(raw(8, i), dp)
+      q(:, 1:3) = v
+      q(:, 5:7) = 0.0_wp
+    case default
+      call kick_nodes(n, step, m, v, q(:, 5:7), w, sums)
+      if (held) call hold_after_kick()
+      call book_energy(n, grid%dim, m, v, w, sums)
+      do k = 1, 3
+        !$omp simd
+        do i = 1, n
+          q(i, k) = w(i, k)
+          q(i, 4 + k) = w(i, k) - v(i, k)
+        end do
       end do
     end select
-
-    call kick_nodes(n, step, m, v, raw, w, sums)
-    if (held) call hold_after_kick()
-    call book_energy(n, d, m, v, w, sums)
-    do i = 1, n
-      g(1:3, i) = w(i, :)
-      g(4, i) = m(i)
-      g(5:7, i) = w(i, :) - v(i, :)
-      g(8, i) = 0.0_wp
-    end do
+    q(:, 4) = m
+    q(:, 8) = 0.0_wp
+    call fields_first(q, g)
 
   contains
 
@@ -152,20 +127,77 @@ contains
         sums(book_reaction:book_reaction + 2) = sums(book_reaction:book_reaction + 2) + real(impulse, dp)
         sums(book_walls) = sums(book_walls) + real(0.5_wp*sum(impulse*(v(j, :) + w(j, :))), dp)
         ! the forces did their work with the velocity that the sides then allowed
-        sums(book_forces) = sums(book_forces) + real(0.5_wp*step%kick*sum(raw(5:7, j)*(w(j, :) - free)), dp)
+        sums(book_forces) = sums(book_forces) + real(0.5_wp*step%kick*sum(q(j, 5:7)*(w(j, :) - free)), dp)
         sums(book_gravity) = sums(book_gravity) + real(0.5_wp*step%kick*m(j)*sum(step%gravity*(w(j, :) - free)), dp)
         if (step%damping > 0.0_wp) sums(book_damping) = sums(book_damping) &
-          - real(0.5_wp*step%kick*step%damping*sum(abs(raw(5:7, j) + m(j)*step%gravity)*sign_or_zero(v(j, :))*(w(j, :) - free)), dp)
+          - real(0.5_wp*step%kick*step%damping*sum(abs(q(j, 5:7) + m(j)*step%gravity)*sign_or_zero(v(j, :))*(w(j, :) - free)), dp)
       end do
     end subroutine hold_after_kick
 
   end subroutine update_nodes
 
+  !> Nodes in lanes, so that what follows is vectors of nodes
+  pure subroutine fields_last(g, q)
+    real(wp), intent(in) :: g(nf, nodes_per_block)
+    real(wp), intent(out) :: q(nodes_per_block, nf)
+    real(wp) :: turned(lanes, nf)
+    integer :: i
+    do i = 1, nodes_per_block, lanes
+      call to_lanes(g(:, i:i + lanes - 1), turned)
+      q(i:i + lanes - 1, :) = turned
+    end do
+  end subroutine fields_last
+
+  !> And back
+  pure subroutine fields_first(q, g)
+    real(wp), intent(in) :: q(nodes_per_block, nf)
+    real(wp), intent(out) :: g(nf, nodes_per_block)
+    real(wp) :: turned(lanes, nf)
+    integer :: i
+    do i = 1, nodes_per_block, lanes
+      turned = q(i:i + lanes - 1, :)
+      call to_fields(turned, g(:, i:i + lanes - 1))
+    end do
+  end subroutine fields_first
+
+  !> Velocity and mass of nodes; those with too little mass have none
+  pure subroutine velocity_of(n, cutoff, q, m, v)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: cutoff, q(n, nf) !! momentum and mass in fields 1-4
+    real(wp), intent(out) :: m(n), v(n, 3)
+    real(wp) :: r
+    integer :: i
+    !$omp simd private(r)
+    do i = 1, n
+      r = 0.0_wp
+      m(i) = 0.0_wp
+      if (q(i, 4) > cutoff) then
+        r = 1.0_wp/q(i, 4)
+        m(i) = q(i, 4)
+      end if
+      v(i, 1) = q(i, 1)*r
+      v(i, 2) = q(i, 2)*r
+      v(i, 3) = q(i, 3)*r
+    end do
+  end subroutine velocity_of
+
+  !> The force of a cut node is lost
+  pure subroutine note_lost_forces(n, kick, m, q, sums)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: kick, m(n), q(n, nf)
+    real(dp), intent(inout) :: sums(n_node_sums)
+    integer :: i
+    do i = 1, n
+      if (m(i) > 0.0_wp) cycle
+      sums(book_impulse:book_impulse + 2) = sums(book_impulse:book_impulse + 2) - real(kick*q(i, 5:7), dp)
+    end do
+  end subroutine note_lost_forces
+
   !> w = v + kick (f/m + gravity), with local damping -alpha |f| sign(v) (Cundall); works with the unconstrained mean velocity
-  subroutine kick_nodes(n, step, m, v, raw, w, sums)
+  subroutine kick_nodes(n, step, m, v, force, w, sums)
     integer, intent(in) :: n
     type(node_step_t), intent(in) :: step
-    real(wp), intent(in) :: m(n), v(n, 3), raw(nf, n)
+    real(wp), intent(in) :: m(n), v(n, 3), force(n, 3)
     real(wp), intent(out) :: w(n, 3)
     real(dp), intent(inout) :: sums(n_node_sums)
     real(wp) :: f, total, damped, work_f, work_g, work_d, pushed, r(n), kick, mean, gravity, damping
@@ -185,7 +217,7 @@ contains
       gravity = step%gravity(k)
       !$omp simd private(f, total, damped, mean) reduction(+:work_f, work_g, work_d, pushed)
       do i = 1, n
-        f = merge(raw(4 + k, i), 0.0_wp, m(i) > 0.0_wp)
+        f = merge(force(i, k), 0.0_wp, m(i) > 0.0_wp)
         total = f + m(i)*gravity
         damped = merge(sign(damping*abs(total), v(i, k)), 0.0_wp, v(i, k) /= 0.0_wp)
         w(i, k) = v(i, k) + kick*(total - damped)*r(i)
@@ -230,19 +262,20 @@ contains
 
   !> Nodes with too little mass drop what they were given: count them, and the momentum that particles will miss.
   !> Masses of round-off size are no masses: weights of a node that a domain just touches.
-  subroutine note_cut_nodes(n, step, raw, sums)
+  pure subroutine note_cut_nodes(n, step, m, q, sums)
     integer, intent(in) :: n
     type(node_step_t), intent(in) :: step
-    real(wp), intent(in) :: raw(nf, n)
+    real(wp), intent(in) :: m(n), q(n, nf)
     real(dp), intent(inout) :: sums(n_node_sums)
     real(wp) :: lost(3)
     integer :: i
+    if (all(m > 0.0_wp)) return
     do i = 1, n
-      if (raw(4, i) > step%cutoff) cycle
-      lost = step%pic*raw(1:3, i)
-      if (step%stage == stage_full) lost = lost + step%kick*raw(5:7, i)
+      if (m(i) > 0.0_wp) cycle
+      lost = step%pic*q(i, 1:3)
+      if (step%stage == stage_full) lost = lost + step%kick*q(i, 5:7)
       sums(book_impulse:book_impulse + 2) = sums(book_impulse:book_impulse + 2) - real(lost, dp)
-      if (raw(4, i) <= step%round_off) cycle
+      if (q(i, 4) <= step%round_off) cycle
       sums(book_cut) = sums(book_cut) + 1.0_dp
       sums(book_cut_momentum) = sums(book_cut_momentum) + real(sqrt(sum(lost**2)), dp)
     end do
