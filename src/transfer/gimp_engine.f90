@@ -11,7 +11,7 @@ module gimp_engine
   use, intrinsic :: iso_c_binding, only: c_f_pointer
   implicit none(type, external)
   private
-  public :: engine_bytes, affine_none, affine_apic, affine_tpic
+  public :: engine_bytes, affine_none, affine_apic, affine_tpic, affine_mls
   public :: engine_t, law_t, pass_t, spill_t, body_force_t, allot_grid, pad_nodes, pad_edge, drift
   public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, n_sums
   public :: peak_rate, peak_speed, peak_strain, n_peaks
@@ -19,7 +19,7 @@ module gimp_engine
 
   integer, parameter :: drift = 1 !! cells that a particle may stray from its block before it must be sorted
 
-  integer, parameter :: affine_none = 0, affine_apic = 1, affine_tpic = 2
+  integer, parameter :: affine_none = 0, affine_apic = 1, affine_tpic = 2, affine_mls = 3
 
   !> Sums of a block over one pass, added in block order afterwards
   integer, parameter :: sum_kinetic = 1, sum_external = 2, sum_plastic = 3, sum_clamped = 4, sum_wide = 5, &
