@@ -208,11 +208,35 @@ contains
         if (nth_word(default(2:), 1) == "dimension") then
           text = text//word(equals + 1:)//" in "//word(:equals - 1)//"D"
         else
-          text = text//word(equals + 1:)//" for "//word(:equals - 1)
+          text = text//word(equals + 1:)//pattern_words(word(:equals - 1))
         end if
       end do
     end if
   end function default_words
+
+  !> "linear,*": the words that a default is for, * being any
+  pure function pattern_words(pattern) result(text)
+    character(len=*), intent(in) :: pattern
+    character(len=:), allocatable :: text
+    integer :: i, first
+    text = ""
+    first = 1
+    do i = 1, len(pattern) + 1
+      if (i <= len(pattern)) then
+        if (pattern(i:i) /= ",") cycle
+      end if
+      if (pattern(first:i - 1) /= "*") then
+        if (text /= "") text = text//" with "
+        text = text//pattern(first:i - 1)
+      end if
+      first = i + 1
+    end do
+    if (text == "") then
+      text = " otherwise"
+    else
+      text = " for "//text
+    end if
+  end function pattern_words
 
   !> "key=word|word key=word" in words
   pure function condition_words(conditions, tick) result(text)

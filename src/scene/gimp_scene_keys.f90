@@ -35,7 +35,7 @@ module gimp_scene_keys
     integer :: count = count_one
     integer :: most = 0 !! values in a list, characters in a text; -k with count_points: k points
     character(len=8) :: unit = ""
-    !> Values with commas between; empty: none; "?key word=value ..." by the value of another key ("dimension" is the
+    !> Values with commas between; empty: none; "?key,key word,word=value ..." by the values of other keys, * any ("dimension" is the
     !> scene's); "(words)" explains a default that only the program can work out
     character(len=96) :: default = ""
     logical :: empty_default = .false. !! the default is the empty text
@@ -292,9 +292,9 @@ contains
     call add(t, n, g, "domain", kind_word, "half length of a particle's domain from the stretch U, from F_kk, or from the "// &
              "volume", words="stretch diagonal volume", default="stretch", when="basis=cpgimp")
     call add(t, n, g, "transfer", kind_word, "how grid velocity comes back to particles", words="flip pic apic tpic", &
-             default="flip", planned="mls xpic fmpm")
+             default="?basis linear=flip *=apic", planned="mls xpic fmpm")
     call add(t, n, g, "flip_fraction", kind_real, "q in v' = S v+ + q (v - S v): the share of FLIP", range="[0,1]", &
-             default="?transfer flip=1 apic=0.95 tpic=0.95", when="transfer=flip|apic|tpic")
+             default="?transfer,basis flip,linear=0.995 flip,*=1 *,*=0.95", when="transfer=flip|apic|tpic")
     call add(t, n, g, "stress_update", kind_word, "where in the step stress is updated", words="usf usl musl usavg", &
              default="musl")
     call add(t, n, g, "integrator", kind_word, "time integrator", words="symplectic", default="symplectic", &

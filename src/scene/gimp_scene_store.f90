@@ -312,23 +312,49 @@ contains
   pure recursive function default_of(scene, which, k) result(text)
     type(scene_t), intent(in) :: scene
     integer, intent(in) :: which, k
-    character(len=:), allocatable :: text, choice, word
+    character(len=:), allocatable :: text, choice, word, steering
     integer :: i, equals
     text = trim(scene%key(k)%default)
     if (len(text) == 0) return
     if (text(1:1) == "(") text = ""
     if (len(text) == 0) return
     if (text(1:1) /= "?") return
-    choice = chosen(scene, trim(scene%key(k)%group), which, nth_word(text(2:), 1))
+    choice = ""
+    steering = blanks(nth_word(text(2:), 1))
+    do i = 1, count_words(steering)
+      choice = choice//chosen(scene, trim(scene%key(k)%group), which, nth_word(steering, i))//" "
+    end do
     do i = 2, count_words(text(2:))
       word = nth_word(text(2:), i)
       equals = index(word, "=")
-      if (word(:equals - 1) /= choice) cycle
+      if (.not. fits(word(:equals - 1), choice)) cycle
       text = word(equals + 1:)
       return
     end do
     text = ""
   end function default_of
+
+  !> Whether words with commas between are those of a choice; * stands for any word
+  pure logical function fits(pattern, choice)
+    character(len=*), intent(in) :: pattern, choice
+    character(len=:), allocatable :: word
+    integer :: i
+    fits = .true.
+    do i = 1, count_words(blanks(pattern))
+      word = nth_word(blanks(pattern), i)
+      fits = fits .and. (word == "*" .or. word == nth_word(choice, i))
+    end do
+  end function fits
+
+  !> A list with blanks in place of its commas
+  pure function blanks(list)
+    character(len=*), intent(in) :: list
+    character(len=len(list)) :: blanks
+    integer :: i
+    do i = 1, len(list)
+      blanks(i:i) = merge(" ", list(i:i), list(i:i) == ",")
+    end do
+  end function blanks
 
   !> The value of a key that steers other keys, as a word; "dimension" is the scene's
   pure recursive function chosen(scene, group, which, key) result(word)

@@ -55,10 +55,22 @@ contains
       return
     end if
     do i = 2, count_words(key%default(2:))
-      call test_condition(key, nth_word(key%default(2:), 1)//"="//before_equals(nth_word(key%default(2:), i)), what)
+      call test_choice(key, nth_word(key%default(2:), 1), before_equals(nth_word(key%default(2:), i)), what)
       call test_default(key, after_equals(nth_word(key%default(2:), i)), what)
     end do
   end subroutine test_key
+
+  !> "key,key" and "word,*": each key steers, each word is among its own or a star
+  recursive subroutine test_choice(key, steering, pattern, what)
+    type(key_t), intent(in) :: key
+    character(len=*), intent(in) :: steering, pattern, what
+    integer :: comma, other
+    comma = index(steering//",", ",")
+    other = index(pattern//",", ",")
+    if (pattern(:other - 1) /= "*") call test_condition(key, steering(:comma - 1)//"="//pattern(:other - 1), what)
+    call check_true((comma > len(steering)) .eqv. (other > len(pattern)), "as many words as keys: "//what)
+    if (comma <= len(steering) .and. other <= len(pattern)) call test_choice(key, steering(comma + 1:), pattern(other + 1:), what)
+  end subroutine test_choice
 
   !> "key=word|word": the key steers, the words are among its own
   subroutine test_condition(key, condition, what)
