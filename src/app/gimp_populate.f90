@@ -14,6 +14,7 @@ module gimp_populate
   use gimp_snapshot, only: needs_reference
   use gimp_stepper, only: stepper_t
   use gimp_engine, only: affine_none
+  use gimp_material, only: most_states
   use gimp_loads, only: load_point
   use gimp_scene, only: scene_t, count_groups, is_given, real_of, reals_of, integers_of, integer_of, word_of, text_of_key, &
     texts_of, complain
@@ -256,7 +257,7 @@ contains
       if (face_loads) call add_field(p, "faces", 1, p%faces)
       states = 0
       do k = 1, size(s%engine%laws)
-        states = max(states, s%engine%laws(k)%law%states)
+        states = max(states, s%engine%laws(k)%law%stored_states(d))
       end do
       if (states > 0) call add_field(p, "state", states, p%state)
     end associate
@@ -495,12 +496,10 @@ contains
     type(stepper_t), intent(inout) :: s
     type(group_t), intent(in) :: group
     real(wp), intent(in) :: stress(lanes, 6, group%first:group%last)
-    real(wp) :: f(lanes, 9), half0(lanes, 3), half(lanes, 3)
-    real(wp), allocatable :: state(:, :)
+    real(wp) :: f(lanes, 9), half0(lanes, 3), half(lanes, 3), history(lanes, most_states)
     integer :: c, d, i, j, k, q, clamped
     d = s%engine%grid%dim
     associate (p => s%engine%particles, law => s%engine%laws(group%material)%law)
-      allocate (state(lanes, max(1, p%state%components)), source=0.0_wp)
       do c = group%first, group%last
         f = 0.0_wp
         f(:, 1:9:4) = 1.0_wp
@@ -510,8 +509,10 @@ contains
           end do
         end do
         if (law%states > 0) then
-          call law%start_state(f, stress(:, :, c), state)
-          p%p(:, p%state%first:p%state%first + law%states - 1, c) = state(:, :law%states)
+          history = 0.0_wp
+          call law%start_state(f, stress(:, :, c), history)
+          q = p%state%first
+          p%p(:, q:q + p%state%components - 1, c) = history(:, :p%state%components)
         end if
         if (p%domain%first == 0) cycle
         do k = 1, 3
