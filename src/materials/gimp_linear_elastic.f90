@@ -132,8 +132,9 @@ contains
     call inverse(half_way, back)
     call multiply(l, back, middle)
     do c = 1, 9 ! a step that turns the half way inside out is about to fail: nothing here may trap before the driver says so
+      !$omp simd simdlen(lanes)
       do k = 1, lanes
-        if (.not. det(k) > 0.01_wp) middle(k, c) = l(k, c)
+        middle(k, c) = merge(middle(k, c), l(k, c), det(k) > 0.01_wp)
       end do
     end do
   end subroutine at_middle
