@@ -115,42 +115,45 @@ contains
     real(wp), intent(in) :: e(lanes, 6) !! trial strain
     real(wp), intent(inout) :: state(lanes, *)
     real(wp), intent(out) :: work(lanes) !! plastic work: stress after the return on the plastic strain [J/m3]
-    real(wp) :: mu, bulk, eta, eta_bar, strength, stiffness, apex
+    real(wp), parameter :: third = 1.0_wp/3.0_wp, root_third = sqrt(third)
+    real(wp) :: mu, bulk, eta, eta_bar, strength, per_stiffness, per_mu, per_bulk, apex
     integer :: k
     mu = self%mu
     bulk = self%lambda + 2*self%mu/3
     eta = self%eta
     eta_bar = self%eta_bar
     strength = self%strength
-    stiffness = mu + bulk*eta*eta_bar
+    per_stiffness = 1.0_wp/(mu + bulk*eta*eta_bar)
+    per_mu = 1.0_wp/mu
+    per_bulk = 1.0_wp/bulk
     apex = strength/max(eta, tiny(1.0_wp)*max(1.0_wp, strength)) ! not used where eta = 0; the max keeps it finite
     !$omp simd simdlen(lanes)
     do k = 1, lanes
       block
         real(wp) :: mean, d1, d2, d3, p, p_trial, root, root_trial, g, scale
         logical :: past_apex
-        mean = (e(k, 1) + e(k, 2) + e(k, 3))/3.0_wp
+        mean = third*(e(k, 1) + e(k, 2) + e(k, 3))
         d1 = e(k, 1) - mean
         d2 = e(k, 2) - mean
         d3 = e(k, 3) - mean
         p_trial = 3.0_wp*bulk*mean
         root_trial = mu*sqrt(2.0_wp*(d1*d1 + d2*d2 + d3*d3) &
           + 4.0_wp*(e(k, 4)*e(k, 4) + e(k, 5)*e(k, 5) + e(k, 6)*e(k, 6))) ! sqrt(J2)
-        g = max(0.0_wp, root_trial + eta*p_trial - strength)/stiffness
+        g = per_stiffness*max(0.0_wp, root_trial + eta*p_trial - strength)
         root = root_trial - mu*g
         past_apex = root < 0.0_wp ! only with friction: without it root = strength
         p = merge(apex, p_trial - bulk*eta_bar*g, past_apex)
         root = max(root, 0.0_wp)
         scale = merge(root/max(root_trial, tiny(1.0_wp)), 1.0_wp, g > 0.0_wp)
-        mean = merge(p/(3.0_wp*bulk), mean, g > 0.0_wp)
+        mean = merge(third*per_bulk*p, mean, g > 0.0_wp)
         state(k, at_strain) = mean + scale*d1
         state(k, at_strain + 1) = mean + scale*d2
         state(k, at_strain + 2) = mean + scale*d3
         state(k, at_strain + 3) = scale*e(k, 4)
         state(k, at_strain + 4) = scale*e(k, 5)
         state(k, at_strain + 5) = scale*e(k, 6)
-        work(k) = merge(p*(p_trial - p)/bulk + root*(root_trial - root)/mu, 0.0_wp, g > 0.0_wp)
-        state(k, at_plastic_strain) = state(k, at_plastic_strain) + (root_trial - root)/(sqrt(3.0_wp)*mu)
+        work(k) = merge(per_bulk*p*(p_trial - p) + per_mu*root*(root_trial - root), 0.0_wp, g > 0.0_wp)
+        state(k, at_plastic_strain) = state(k, at_plastic_strain) + root_third*per_mu*(root_trial - root)
       end block
     end do
   end subroutine return_strain

@@ -107,18 +107,16 @@ contains
     real(wp), intent(in) :: e(lanes, 6) !! trial strain
     real(wp), intent(inout) :: state(lanes, *)
     real(wp), intent(out) :: work(lanes) !! plastic work: the mean flow stress times the growth of ep [J/m3]
-    real(wp) :: q(lanes), ep(lanes), g(lanes), mu
+    real(wp), parameter :: third = 1.0_wp/3.0_wp
+    real(wp) :: q(lanes), ep(lanes), g(lanes), mean(lanes), mu
     integer :: k
     mu = self%mu
     !$omp simd simdlen(lanes)
     do k = 1, lanes
-      block
-        real(wp) :: mean
-        mean = (e(k, 1) + e(k, 2) + e(k, 3))/3.0_wp
-        q(k) = mu*sqrt(6.0_wp*((e(k, 1) - mean)**2 + (e(k, 2) - mean)**2 + (e(k, 3) - mean)**2 &
-          + 2.0_wp*(e(k, 4)*e(k, 4) + e(k, 5)*e(k, 5) + e(k, 6)*e(k, 6))))
-        ep(k) = state(k, at_plastic_strain)
-      end block
+      mean(k) = third*(e(k, 1) + e(k, 2) + e(k, 3))
+      q(k) = mu*sqrt(6.0_wp*((e(k, 1) - mean(k))**2 + (e(k, 2) - mean(k))**2 + (e(k, 3) - mean(k))**2 &
+        + 2.0_wp*(e(k, 4)*e(k, 4) + e(k, 5)*e(k, 5) + e(k, 6)*e(k, 6))))
+      ep(k) = state(k, at_plastic_strain)
     end do
     if (self%hardening == power_hardening) then
       call flow_power(mu, self%yield_stress, self%exponent, self%strain, q, ep, g, work)
@@ -128,13 +126,12 @@ contains
     !$omp simd simdlen(lanes)
     do k = 1, lanes
       block
-        real(wp) :: mean, scale
-        mean = (e(k, 1) + e(k, 2) + e(k, 3))/3.0_wp
+        real(wp) :: scale
         scale = 1.0_wp - 3.0_wp*mu*g(k)/max(q(k), tiny(1.0_wp))
         state(k, at_plastic_strain) = ep(k) + g(k)
-        state(k, at_strain) = mean + scale*(e(k, 1) - mean)
-        state(k, at_strain + 1) = mean + scale*(e(k, 2) - mean)
-        state(k, at_strain + 2) = mean + scale*(e(k, 3) - mean)
+        state(k, at_strain) = mean(k) + scale*(e(k, 1) - mean(k))
+        state(k, at_strain + 1) = mean(k) + scale*(e(k, 2) - mean(k))
+        state(k, at_strain + 2) = mean(k) + scale*(e(k, 3) - mean(k))
         state(k, at_strain + 3) = scale*e(k, 4)
         state(k, at_strain + 4) = scale*e(k, 5)
         state(k, at_strain + 5) = scale*e(k, 6)
@@ -149,10 +146,12 @@ contains
     real(wp), intent(in) :: ep(lanes) !! plastic strain before
     real(wp), intent(out) :: g(lanes) !! its growth
     real(wp), intent(out) :: work(lanes) !! [J/m3]
+    real(wp) :: per_stiffness
     integer :: k
+    per_stiffness = 1.0_wp/(3.0_wp*mu + h)
     !$omp simd simdlen(lanes)
     do k = 1, lanes
-      g(k) = max(0.0_wp, q(k) - sy - h*ep(k))/(3.0_wp*mu + h)
+      g(k) = per_stiffness*max(0.0_wp, q(k) - sy - h*ep(k))
       work(k) = g(k)*(sy + h*(ep(k) + 0.5_wp*g(k)))
     end do
   end subroutine flow_linear

@@ -98,22 +98,24 @@ contains
     real(wp), intent(in) :: density !! reference density [kg/m3]
     real(wp), intent(in) :: tau(lanes, 6) !! Kirchhoff stress [Pa]
     real(wp), intent(out) :: speed2(lanes) !! [m2/s2]
-    real(wp) :: per_density
+    real(wp), parameter :: third = 1.0_wp/3.0_wp, root_sixth = sqrt(1.0_wp/6.0_wp), root_two_thirds = sqrt(2.0_wp/3.0_wp)
+    real(wp) :: per_density, per_mu ! a division in a lane loop costs as much as ten multiplications
     integer :: k
     per_density = 1.0_wp/density
+    per_mu = sqrt(2.0_wp)/mu
     !$omp simd simdlen(lanes)
     do k = 1, lanes
       block
         real(wp) :: p, norm2, norm, x, mean, g
-        p = (tau(k, 1) + tau(k, 2) + tau(k, 3))/3.0_wp
+        p = third*(tau(k, 1) + tau(k, 2) + tau(k, 3))
         norm2 = (tau(k, 1) - p)**2 + (tau(k, 2) - p)**2 + (tau(k, 3) - p)**2 &
           + 2.0_wp*(tau(k, 4)**2 + tau(k, 5)**2 + tau(k, 6)**2)
         norm = sqrt(norm2)
-        x = sqrt(2.0_wp)*norm/mu
-        mean = mu*(1.0_wp + min(x*x/12.0_wp, 0.5_wp*x))
-        g = max(abs(mu - p), abs(mean - p)) + norm/sqrt(6.0_wp)
+        x = per_mu*norm
+        mean = mu*(1.0_wp + min(0.25_wp*third*x*x, 0.5_wp*x))
+        g = max(abs(mu - p), abs(mean - p)) + root_sixth*norm
         speed2(k) = per_density*(max(lambda, 0.0_wp) &
-          + max(mean + sqrt(0.5_wp*norm2 + g*g), 2.0_wp*mu - p + sqrt(2.0_wp/3.0_wp)*norm))
+          + max(mean + sqrt(0.5_wp*norm2 + g*g), 2.0_wp*mu - p + root_two_thirds*norm))
       end block
     end do
   end subroutine wave_bound
