@@ -123,14 +123,22 @@ contains
     call check(worst(2), 0.0_wp, 6*round_off, "large strains come back to round-off of exp(2 e)")
   end subroutine test_there_and_back
 
-  !> Series and decomposition agree where they meet, so that the stress has no jump there
+  !> The ways to a logarithm or an exponential agree where they meet, so that the stress has no jump there
   subroutine test_both_sides_of_the_limit()
     real(wp) :: e(lanes, 6), x(lanes, 6), y(lanes, 6), values(lanes, 3), norm(lanes), below(lanes, 6), above(lanes, 6)
     integer :: n, seed
     seed = 9
     do n = 1, 50
       call random_numbers(seed, values)
+      norm = sqrt(sum(values**2, 2))
+      values = values*spread(0.4_wp/norm, 2, 3) ! of Z; X = 2 Z/(1 - Z)
+      values = 2*values/(1 - values)
       call turned(seed, values, x)
+      y = x*(1 - 16*round_off)
+      call half_logarithm(y, below)
+      y = x*(1 + 16*round_off)
+      call half_logarithm(y, above)
+      call check_true(maxval(abs(above - below)) < 60*round_off, "logarithm: no jump at the limit of the second series")
       call squared_norm(x, norm)
       x = x*spread(0.15_wp/sqrt(norm), 2, 6)
       y = x*(1 - 8*round_off)
@@ -189,9 +197,12 @@ contains
     call random_numbers(seed, x)
     x = 0.01_wp*x
     call half_logarithm(x, alone)
-    x(2:, :) = 0.9_wp
+    x(2:3, :) = 0.1_wp
     call half_logarithm(x, beside)
     call check_true(all(alone(1, :) == beside(1, :)), "logarithm bit for bit")
+    x(2:, :) = 0.9_wp
+    call half_logarithm(x, beside)
+    call check_true(all(alone(1, :) == beside(1, :)), "logarithm bit for bit beside large strains")
     x(1, :) = 0.01_wp
     x(2:, :) = 0.01_wp
     call exponential_of_twice(x, alone)
