@@ -6,7 +6,7 @@ module gimp_report
   use gimp_timer, only: seconds_now
   use gimp_scene, only: scene_t, count_groups, text_of_key, word_of
   use gimp_engine, only: engine_bytes
-  use gimp_particles, only: live_bytes
+  use gimp_particles, only: live_bytes, field_t
   use gimp_summary, only: put_summary
   use gimp_verification, only: error_scale, error_scale_text, solution_name
   use gimp_measures, only: state_hash
@@ -70,7 +70,7 @@ contains
     type(build_t), intent(in) :: build
     type(scene_t), intent(in) :: scene
     type(stepper_t), intent(in) :: s
-    character(len=:), allocatable :: cells, fields
+    character(len=:), allocatable :: cells
     integer :: k
     cells = text_of(s%engine%grid%cells(1))
     do k = 2, scene%dimension
@@ -85,11 +85,11 @@ contains
               //plural(s%engine%table%blocks, "active block of 64 nodes", "active blocks of 64 nodes"))
     call line("  method     "//word_of(scene, "method", 1, "basis")//", "//word_of(scene, "method", 1, "stress_update")//", " &
               //transfer_words()//", "//word_of(scene, "method", 1, "deformation_update")//" F")
-    fields = ""
+    call line("  stored     "//text_of(live_bytes(s%engine%particles))//" bytes a particle: "//always_stored())
     do k = 1, size(s%engine%particles%fields)
-      fields = fields//" "//trim(s%engine%particles%fields(k)%name)
+      if (s%engine%particles%fields(k)%reason /= "") call line("             "//field_words(s%engine%particles%fields(k)) &
+        //" ("//trim(s%engine%particles%fields(k)%reason)//")")
     end do
-    call line("  stored    "//fields//" ("//text_of(live_bytes(s%engine%particles))//" bytes a particle)")
     call line("  memory     "//short_number(real(engine_bytes(s%engine), wp))//"B, " &
               //text_of(int(engine_bytes(s%engine)/max(1_i8, s%engine%particles%n)))//" bytes a particle with grid and sort")
     call line("  time       "//text_of(s%time_options%end)//" s in about "//with_thousands(ceiling(estimated_steps(s), i8)) &
@@ -107,6 +107,23 @@ contains
                 //text_of(s%engine%laws(m)%law%initial_speed(), 4)//" m/s)"
       end do
     end function material_words
+
+    !> What every scene stores, with its size
+    function always_stored() result(words)
+      character(len=:), allocatable :: words
+      integer :: f
+      words = "number "//text_of(storage_size(1_i8)/8)//" B"
+      do f = 1, size(s%engine%particles%fields)
+        if (s%engine%particles%fields(f)%reason == "") words = words//", "//field_words(s%engine%particles%fields(f))
+      end do
+    end function always_stored
+
+    !> Name and bytes of a field
+    function field_words(field) result(words)
+      type(field_t), intent(in) :: field
+      character(len=:), allocatable :: words
+      words = trim(field%name)//" "//text_of(field%components*(storage_size(1.0_wp)/8))//" B"
+    end function field_words
 
     function transfer_words() result(words)
       character(len=:), allocatable :: words

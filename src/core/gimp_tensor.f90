@@ -312,7 +312,7 @@ contains
         n(:, 1), n(:, 3), n(:, 4), n(:, 6), n(:, 7), n(:, 9))
       call annihilate(values(:, 2), values(:, 3), values(:, 1), off(:, 2), off(:, 1), off(:, 3), &
         n(:, 2), n(:, 3), n(:, 5), n(:, 6), n(:, 8), n(:, 9))
-      if (.not. any(abs(off) > 0.0_wp)) exit
+      if (.not. any_nonzero(off(:, 1), off(:, 2), off(:, 3))) exit
     end do
   end subroutine eigen_symmetric
 
@@ -324,24 +324,29 @@ contains
   pure subroutine annihilate(app, aqq, arr, apq, arp, arq, n1p, n1q, n2p, n2q, n3p, n3q)
     real(wp), intent(inout), dimension(lanes) :: app, aqq, apq, arp, arq, n1p, n1q, n2p, n2q, n3p, n3q
     real(wp), intent(in) :: arr(lanes)
-    real(wp), parameter :: negligible = 0.01_wp*epsilon(1.0_wp)
+    real(wp), parameter :: negligible = 0.01_wp*epsilon(1.0_wp), least = 2.0_wp*sqrt(tiny(1.0_wp))
     integer :: k
+    if (.not. any_nonzero(apq, apq, apq)) return ! two planes of three in plane strain
     !$omp simd simdlen(lanes)
     do k = 1, lanes
       block
-        real(wp) :: d, t, c, s, x, y
+        real(wp) :: d, a, u, r, t, c, s, x, y, small
         d = aqq(k) - app(k)
-        t = sign(2.0_wp, d)*apq(k)/max(abs(d) + sqrt(d*d + 4.0_wp*apq(k)*apq(k)), 2.0_wp*abs(apq(k)), tiny(1.0_wp))
-        c = 1.0_wp/sqrt(1.0_wp + t*t)
-        s = t*c
+        a = sign(2.0_wp, d)*apq(k)
+        u = max(abs(d) + sqrt(d*d + a*a), abs(a), least)
+        t = a/u
+        r = 1.0_wp/sqrt(u*u + a*a) ! beside t, not after it: what this loop waits for is the chain of roots and quotients
+        c = u*r
+        s = a*r
         app(k) = app(k) - t*apq(k)
         aqq(k) = aqq(k) + t*apq(k)
+        small = merge(negligible, -1.0_wp, abs(a) > 0.0_wp) ! without a rotation nothing at all changes
         apq(k) = 0.0_wp
         x = arp(k)
         y = s*x + c*arq(k)
         x = c*x - s*arq(k)
-        arp(k) = merge(x, 0.0_wp, abs(x) > negligible*min(abs(arr(k)), abs(app(k))))
-        arq(k) = merge(y, 0.0_wp, abs(y) > negligible*min(abs(arr(k)), abs(aqq(k))))
+        arp(k) = merge(x, 0.0_wp, abs(x) > small*min(abs(arr(k)), abs(app(k))))
+        arq(k) = merge(y, 0.0_wp, abs(y) > small*min(abs(arr(k)), abs(aqq(k))))
         x = n1p(k)
         n1p(k) = c*x - s*n1q(k)
         n1q(k) = s*x + c*n1q(k)
@@ -354,6 +359,19 @@ contains
       end block
     end do
   end subroutine annihilate
+
+  !> Whether any of three numbers differs from zero in any lane
+  pure logical function any_nonzero(a, b, c)
+    real(wp), intent(in), dimension(lanes) :: a, b, c
+    real(wp) :: largest
+    integer :: k
+    largest = 0.0_wp
+    !$omp simd simdlen(lanes) reduction(max:largest)
+    do k = 1, lanes
+      largest = max(largest, abs(a(k)), abs(b(k)), abs(c(k)))
+    end do
+    any_nonzero = largest > 0.0_wp
+  end function any_nonzero
 
   !> S = N diag(values) N^T
   pure subroutine compose(values, n, s)

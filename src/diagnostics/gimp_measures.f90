@@ -5,12 +5,13 @@ module gimp_measures
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_hash_table, only: mix_bits
   use gimp_particles, only: particles_t, group_t
+  use gimp_material, only: most_states, load_history
   use gimp_engine, only: engine_t
   use gimp_basis, only: basis_cpgimp, list_inertia
   use gimp_verification, only: verification_t, exact_motion, exact_stress
   implicit none(type, external)
   private
-  public :: totals_t, errors_t, measure_totals, measure_errors, state_hash, chunk_deformation, chunk_position, chunk_stress
+  public :: totals_t, errors_t, measure_totals, measure_errors, state_hash, chunk_deformation, chunk_history, chunk_position, chunk_stress
   public :: find_particle, nearest_particle
 
   !> Sums over all particles
@@ -49,6 +50,16 @@ contains
     end do
   end subroutine chunk_deformation
 
+  !> The whole history of a chunk's material
+  pure subroutine chunk_history(particles, c, history)
+    type(particles_t), intent(in) :: particles
+    integer, intent(in) :: c
+    real(wp), intent(out) :: history(lanes, most_states)
+    integer :: first
+    first = max(1, particles%state%first)
+    call load_history(particles%state%components, particles%p(:, first:first + particles%state%components - 1, c), history)
+  end subroutine chunk_history
+
   !> Positions of a chunk in metres; zero in axes beyond the dimension
   pure subroutine chunk_position(engine, group, c, x)
     type(engine_t), intent(in) :: engine
@@ -68,13 +79,13 @@ contains
     type(group_t), intent(in) :: group
     integer, intent(in) :: c
     real(wp), intent(out) :: sigma(lanes, 6), j(lanes)
-    real(wp) :: f(lanes, 9), speed2(lanes)
+    real(wp) :: f(lanes, 9), speed2(lanes), history(lanes, most_states)
     integer :: k
     call chunk_deformation(engine%particles, c, f)
     j = f(:, 1)*(f(:, 5)*f(:, 9) - f(:, 6)*f(:, 8)) - f(:, 2)*(f(:, 4)*f(:, 9) - f(:, 6)*f(:, 7)) &
         + f(:, 3)*(f(:, 4)*f(:, 8) - f(:, 5)*f(:, 7))
-    call engine%laws(group%material)%law%kirchhoff(f, engine%particles%p(:, max(1, engine%particles%state%first):, c), sigma, &
-                                                   speed2)
+    call chunk_history(engine%particles, c, history)
+    call engine%laws(group%material)%law%kirchhoff(f, history, sigma, speed2)
     do k = 1, 6
       sigma(:, k) = sigma(:, k)/j
     end do
@@ -85,7 +96,7 @@ contains
     type(engine_t), intent(in) :: engine
     type(totals_t), intent(out) :: totals
     type(totals_t) :: part
-    real(wp) :: f(lanes, 9), energy(lanes), x(lanes, 3), v(lanes, 3)
+    real(wp) :: f(lanes, 9), energy(lanes), x(lanes, 3), v(lanes, 3), history(lanes, most_states)
     real(dp) :: m, mv(3)
     integer :: g, c, l, d
     d = engine%grid%dim
@@ -97,8 +108,8 @@ contains
           call chunk_position(engine, particles%groups(g), c, x)
           v = 0.0_wp
           v(:, :d) = particles%p(:, particles%velocity%first:particles%velocity%first + d - 1, c)
-          call engine%laws(particles%groups(g)%material)%law%stored_energy(f, &
-                                                                particles%p(:, max(1, particles%state%first):, c), energy)
+          call chunk_history(particles, c, history)
+          call engine%laws(particles%groups(g)%material)%law%stored_energy(f, history, energy)
           do l = 1, lanes
             m = real(particles%p(l, particles%mass%first, c), dp)
             mv = m*real(v(l, :), dp)

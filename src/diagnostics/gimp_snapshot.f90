@@ -1,10 +1,11 @@
 !> Fields of all particles in the order of their numbers, as frames show them
 module gimp_snapshot
   use gimp_kinds, only: wp, i8, lanes
+  use gimp_material, only: most_states
   use gimp_engine, only: engine_t
   use gimp_basis, only: basis_cpgimp
   use gimp_verification, only: verification_t, exact_displacement
-  use gimp_measures, only: chunk_deformation, chunk_position, chunk_stress
+  use gimp_measures, only: chunk_deformation, chunk_history, chunk_position, chunk_stress
   implicit none(type, external)
   private
   public :: field_components, field_words, needs_reference, rank_particles, sample_positions, sample_field
@@ -106,7 +107,7 @@ contains
     type(verification_t), intent(in) :: solution
     real(wp), intent(in) :: time
     real(wp), intent(out) :: chunk(lanes, 9)
-    real(wp) :: x(lanes, 3), reference(lanes, 3), u(lanes, 3), sigma(lanes, 6), j(lanes)
+    real(wp) :: x(lanes, 3), reference(lanes, 3), u(lanes, 3), sigma(lanes, 6), j(lanes), history(lanes, most_states)
     integer :: d, q, l
     d = engine%grid%dim
     chunk = 0.0_wp
@@ -143,8 +144,8 @@ contains
       case ("half_length")
         call chunk_half_length(engine, c, chunk)
       case ("equivalent_plastic_strain")
-        call engine%laws(group%material)%law%equivalent_plastic_strain(particles%p(:, max(1, particles%state%first):, c), &
-                                                                        chunk(:, 1))
+        call chunk_history(particles, c, history)
+        call engine%laws(group%material)%law%equivalent_plastic_strain(history, chunk(:, 1))
       case default
         call chunk_stress(engine, group, c, sigma, j)
         select case (name)

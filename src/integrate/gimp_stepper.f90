@@ -9,6 +9,7 @@ module gimp_stepper
   use gimp_accumulator, only: add_to, block_sum
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, has_images
   use gimp_images, only: note_images, fold_images, copy_images
+  use gimp_material, only: most_states, load_history
   use gimp_engine, only: engine_t, pass_t, sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, &
     peak_rate, peak_speed, peak_strain, fate_fine, fate_inverted, fate_outside, fate_jumped
   use gimp_particle_pass, only: particle_pass
@@ -354,7 +355,7 @@ contains
     !> Kinetic and stored energy leave with the particle
     subroutine book_removed(material, chunk, lane)
       integer, intent(in) :: material, chunk, lane
-      real(wp) :: f(lanes, 9), energy(lanes)
+      real(wp) :: f(lanes, 9), energy(lanes), history(lanes, most_states)
       real(dp) :: moving
       integer :: i, j, d, v
       d = s%engine%grid%dim
@@ -367,7 +368,8 @@ contains
       end do
       v = s%engine%particles%velocity%first
       associate (p => s%engine%particles%p, particles => s%engine%particles)
-        call s%engine%laws(material)%law%stored_energy(f, p(1, max(1, particles%state%first), chunk), energy)
+        call load_history(particles%state%components, p(1, max(1, particles%state%first), chunk), history)
+        call s%engine%laws(material)%law%stored_energy(f, history, energy)
         moving = 0.5_dp*p(lane, particles%mass%first, chunk)*sum(p(lane, v:v + d - 1, chunk)**2)
         s%books%removed = s%books%removed + moving + p(lane, particles%volume%first, chunk)*energy(lane)
         s%removed_kinetic = s%removed_kinetic + moving

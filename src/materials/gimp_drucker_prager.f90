@@ -1,6 +1,6 @@
 !> Frictional solid on logarithmic strain: Hencky elasticity, Drucker-Prager cone in the Kirchhoff stress, perfectly plastic.
 !>
-!> f = sqrt(J2) + eta p - xi c, p = tr(tau)/3 (tension positive), flow potential sqrt(J2) + etabar p. Return in principal axes
+!> f = sqrt(J2) + eta p - xi c, p = tr(tau)/3 (tension positive), flow potential sqrt(J2) + etabar p. Return
 !> (de Souza Neto, Peric & Owen 2008, ch. 8.3): to the cone, g = f/(mu + K eta etabar), and to the apex p = xi c/eta where
 !> that would make sqrt(J2) negative. The cone goes through a Mohr-Coulomb surface in plane strain (default), at the outer
 !> (compression) edges or at the inner (extension) edges. Without friction it is a cylinder and has no apex.
@@ -9,8 +9,8 @@ module gimp_drucker_prager
   use gimp_error, only: error_t
   use gimp_material, only: material_t
   use gimp_material_options, only: material_options_t, set_elasticity, is_set, demand_at_least, demand_within, complain
-  use gimp_log_strain, only: plastic_states, at_plastic_strain, at_stress, starting_strain, trial_strain, keep_state, &
-    elastic_energy, wave_bound
+  use gimp_log_strain, only: plastic_states, at_plastic_strain, at_strain, starting_strain, trial_strain, &
+    kirchhoff_of_strain, elastic_energy, wave_bound
   implicit none(type, external)
   private
   public :: drucker_prager_t, make_drucker_prager
@@ -89,13 +89,13 @@ contains
     class(drucker_prager_t), intent(in) :: self
     real(wp), intent(in) :: f(lanes, 9), stress(lanes, 6)
     real(wp), intent(inout) :: state(lanes, *)
-    real(wp) :: b(lanes, 6), e(lanes, 3), n(lanes, 9), work(lanes)
+    real(wp) :: e(lanes, 6), work(lanes)
     integer :: k
-    call starting_strain(self%lambda, self%mu, f, stress, b, e, n)
+    call starting_strain(self%lambda, self%mu, f, stress, e)
     do k = 1, lanes
       state(k, at_plastic_strain) = 0.0_wp
     end do
-    call return_strain(self, b, e, n, state, work)
+    call return_strain(self, e, state, work)
   end subroutine start_state
 
   !> Push b_e forward and return it to the cone
@@ -104,55 +104,58 @@ contains
     real(wp), intent(in) :: dt, l(lanes, 9), df(lanes, 9), f(lanes, 9)
     real(wp), intent(inout) :: state(lanes, *)
     real(wp), intent(out) :: dissipated(lanes)
-    real(wp) :: b(lanes, 6), e(lanes, 3), n(lanes, 9)
-    call trial_strain(df, state, b, e, n)
-    call return_strain(self, b, e, n, state, dissipated)
+    real(wp) :: e(lanes, 6)
+    call trial_strain(df, state(1, at_strain), e)
+    call return_strain(self, e, state, dissipated)
   end subroutine advance_state
 
-  !> Return the principal trial strain and store what follows
-  pure subroutine return_strain(self, b, e, n, state, work)
+  !> Return the trial strain and store it
+  pure subroutine return_strain(self, e, state, work)
     class(drucker_prager_t), intent(in) :: self
-    real(wp), intent(in) :: b(lanes, 6) !! trial b_e
-    real(wp), intent(inout) :: e(lanes, 3) !! principal strains: trial, then returned
-    real(wp), intent(in) :: n(lanes, 9) !! principal directions
+    real(wp), intent(in) :: e(lanes, 6) !! trial strain
     real(wp), intent(inout) :: state(lanes, *)
     real(wp), intent(out) :: work(lanes) !! plastic work: stress after the return on the plastic strain [J/m3]
-    real(wp) :: flows(lanes), mu, bulk, eta, eta_bar, strength, stiffness, apex
+    real(wp), parameter :: third = 1.0_wp/3.0_wp, root_third = sqrt(third)
+    real(wp) :: mu, bulk, eta, eta_bar, strength, per_stiffness, per_mu, per_bulk, apex
     integer :: k
     mu = self%mu
     bulk = self%lambda + 2*self%mu/3
     eta = self%eta
     eta_bar = self%eta_bar
     strength = self%strength
-    stiffness = mu + bulk*eta*eta_bar
+    per_stiffness = 1.0_wp/(mu + bulk*eta*eta_bar)
+    per_mu = 1.0_wp/mu
+    per_bulk = 1.0_wp/bulk
     apex = strength/max(eta, tiny(1.0_wp)*max(1.0_wp, strength)) ! not used where eta = 0; the max keeps it finite
     !$omp simd simdlen(lanes)
     do k = 1, lanes
       block
         real(wp) :: mean, d1, d2, d3, p, p_trial, root, root_trial, g, scale
         logical :: past_apex
-        mean = (e(k, 1) + e(k, 2) + e(k, 3))/3.0_wp
+        mean = third*(e(k, 1) + e(k, 2) + e(k, 3))
         d1 = e(k, 1) - mean
         d2 = e(k, 2) - mean
         d3 = e(k, 3) - mean
         p_trial = 3.0_wp*bulk*mean
-        root_trial = mu*sqrt(2.0_wp*(d1*d1 + d2*d2 + d3*d3)) ! sqrt(J2)
-        g = max(0.0_wp, root_trial + eta*p_trial - strength)/stiffness
+        root_trial = mu*sqrt(2.0_wp*(d1*d1 + d2*d2 + d3*d3) &
+          + 4.0_wp*(e(k, 4)*e(k, 4) + e(k, 5)*e(k, 5) + e(k, 6)*e(k, 6))) ! sqrt(J2)
+        g = per_stiffness*max(0.0_wp, root_trial + eta*p_trial - strength)
         root = root_trial - mu*g
         past_apex = root < 0.0_wp ! only with friction: without it root = strength
         p = merge(apex, p_trial - bulk*eta_bar*g, past_apex)
         root = max(root, 0.0_wp)
         scale = merge(root/max(root_trial, tiny(1.0_wp)), 1.0_wp, g > 0.0_wp)
-        mean = merge(p/(3.0_wp*bulk), mean, g > 0.0_wp)
-        e(k, 1) = mean + scale*d1
-        e(k, 2) = mean + scale*d2
-        e(k, 3) = mean + scale*d3
-        flows(k) = g
-        work(k) = merge(p*(p_trial - p)/bulk + root*(root_trial - root)/mu, 0.0_wp, g > 0.0_wp)
-        state(k, at_plastic_strain) = state(k, at_plastic_strain) + (root_trial - root)/(sqrt(3.0_wp)*mu)
+        mean = merge(third*per_bulk*p, mean, g > 0.0_wp)
+        state(k, at_strain) = mean + scale*d1
+        state(k, at_strain + 1) = mean + scale*d2
+        state(k, at_strain + 2) = mean + scale*d3
+        state(k, at_strain + 3) = scale*e(k, 4)
+        state(k, at_strain + 4) = scale*e(k, 5)
+        state(k, at_strain + 5) = scale*e(k, 6)
+        work(k) = merge(per_bulk*p*(p_trial - p) + per_mu*root*(root_trial - root), 0.0_wp, g > 0.0_wp)
+        state(k, at_plastic_strain) = state(k, at_plastic_strain) + root_third*per_mu*(root_trial - root)
       end block
     end do
-    call keep_state(self%lambda, self%mu, flows, b, e, n, state)
   end subroutine return_strain
 
   !> The stress of the last return, and the bound of the elastic wave speed
@@ -162,7 +165,7 @@ contains
     real(wp), intent(in) :: state(lanes, *)
     real(wp), intent(out) :: tau(lanes, 6)
     real(wp), intent(out) :: speed2(lanes)
-    tau = state(:, at_stress + 1:at_stress + 6)
+    call kirchhoff_of_strain(self%lambda, self%mu, state(1, at_strain), tau)
     call wave_bound(self%lambda, self%mu, self%density, tau, speed2)
   end subroutine kirchhoff
 
@@ -172,7 +175,7 @@ contains
     real(wp), intent(in) :: f(lanes, 9)
     real(wp), intent(in) :: state(lanes, *)
     real(wp), intent(out) :: energy(lanes)
-    call elastic_energy(self%lambda, self%mu, state(:, at_stress + 1:at_stress + 6), energy)
+    call elastic_energy(self%lambda, self%mu, state(1, at_strain), energy)
   end subroutine stored_energy
 
   !> The time integral of sqrt(2/3 dev Dp:dev Dp)

@@ -6,8 +6,8 @@ module gimp_hencky
   use gimp_material, only: material_t
   use gimp_material_options, only: material_options_t, set_elasticity
   use gimp_error, only: error_t
-  use gimp_tensor, only: left_cauchy_green
-  use gimp_log_strain, only: principal_strain, kirchhoff_of_strain, elastic_energy, wave_bound
+  use gimp_tensor_functions, only: strain_logarithm
+  use gimp_log_strain, only: kirchhoff_of_strain, elastic_energy, wave_bound
   implicit none(type, external)
   private
   public :: hencky_t, make_hencky
@@ -55,10 +55,9 @@ contains
     real(wp), intent(in) :: state(lanes, *)
     real(wp), intent(out) :: tau(lanes, 6)
     real(wp), intent(out) :: speed2(lanes)
-    real(wp) :: b(lanes, 6), e(lanes, 3), n(lanes, 9)
-    call left_cauchy_green(f, b)
-    call principal_strain(b, e, n)
-    call kirchhoff_of_strain(self%lambda, self%mu, e, n, tau)
+    real(wp) :: e(lanes, 6)
+    call strain_logarithm(f, e)
+    call kirchhoff_of_strain(self%lambda, self%mu, e, tau)
     call wave_bound(self%lambda, self%mu, self%density, tau, speed2)
   end subroutine kirchhoff
 
@@ -68,16 +67,9 @@ contains
     real(wp), intent(in) :: f(lanes, 9)
     real(wp), intent(in) :: state(lanes, *)
     real(wp), intent(out) :: energy(lanes)
-    real(wp) :: b(lanes, 6), e(lanes, 3), n(lanes, 9), lambda, mu
-    integer :: k
-    lambda = self%lambda
-    mu = self%mu
-    call left_cauchy_green(f, b)
-    call principal_strain(b, e, n)
-    !$omp simd simdlen(lanes)
-    do k = 1, lanes
-      energy(k) = mu*(e(k, 1)**2 + e(k, 2)**2 + e(k, 3)**2) + 0.5_wp*lambda*(e(k, 1) + e(k, 2) + e(k, 3))**2
-    end do
+    real(wp) :: e(lanes, 6)
+    call strain_logarithm(f, e)
+    call elastic_energy(self%lambda, self%mu, e, energy)
   end subroutine stored_energy
 
 end module gimp_hencky

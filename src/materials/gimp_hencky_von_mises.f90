@@ -1,6 +1,6 @@
 !> Metal plasticity on logarithmic strain: Hencky elasticity, von Mises yield in the Kirchhoff stress, isotropic hardening.
 !>
-!> q = sqrt(3/2) |dev tau| <= sy(ep), associated flow. Return in principal axes (Simo & Hughes 1998, box 3.1; de Souza Neto,
+!> q = sqrt(3/2) |dev tau| <= sy(ep), associated flow. Return (Simo & Hughes 1998, box 3.1; de Souza Neto,
 !> Peric & Owen 2008, ch. 7 and 14): q_tr - 3 mu g = sy(ep + g), dev e scaled by 1 - 3 mu g/q_tr, ep grows by g.
 !> Hardening: none, sy; linear, sy + H ep; power, sy (1 + ep/e0)^n (Swift).
 !> The return is applied at t = 0 too, so that a body which starts strained starts inside the yield surface.
@@ -11,8 +11,8 @@ module gimp_hencky_von_mises
   use gimp_material_options, only: material_options_t, set_elasticity, is_set, need, refuse, demand_above, &
     demand_at_least, demand_within, complain
   use gimp_tensor, only: natural_log, exponential
-  use gimp_log_strain, only: plastic_states, at_plastic_strain, at_stress, starting_strain, trial_strain, keep_state, &
-    elastic_energy, wave_bound
+  use gimp_log_strain, only: plastic_states, at_plastic_strain, at_strain, starting_strain, trial_strain, &
+    kirchhoff_of_strain, elastic_energy, wave_bound
   implicit none(type, external)
   private
   public :: hencky_von_mises_t, make_hencky_von_mises, linear_hardening, power_hardening
@@ -81,13 +81,13 @@ contains
     class(hencky_von_mises_t), intent(in) :: self
     real(wp), intent(in) :: f(lanes, 9), stress(lanes, 6)
     real(wp), intent(inout) :: state(lanes, *)
-    real(wp) :: b(lanes, 6), e(lanes, 3), n(lanes, 9), work(lanes)
+    real(wp) :: e(lanes, 6), work(lanes)
     integer :: k
-    call starting_strain(self%lambda, self%mu, f, stress, b, e, n)
+    call starting_strain(self%lambda, self%mu, f, stress, e)
     do k = 1, lanes
       state(k, at_plastic_strain) = 0.0_wp
     end do
-    call return_strain(self, b, e, n, state, work)
+    call return_strain(self, e, state, work)
   end subroutine start_state
 
   !> Push b_e forward and return it to the yield surface
@@ -96,30 +96,27 @@ contains
     real(wp), intent(in) :: dt, l(lanes, 9), df(lanes, 9), f(lanes, 9)
     real(wp), intent(inout) :: state(lanes, *)
     real(wp), intent(out) :: dissipated(lanes)
-    real(wp) :: b(lanes, 6), e(lanes, 3), n(lanes, 9)
-    call trial_strain(df, state, b, e, n)
-    call return_strain(self, b, e, n, state, dissipated)
+    real(wp) :: e(lanes, 6)
+    call trial_strain(df, state(1, at_strain), e)
+    call return_strain(self, e, state, dissipated)
   end subroutine advance_state
 
-  !> Return the principal trial strain and store what follows
-  pure subroutine return_strain(self, b, e, n, state, work)
+  !> Return the trial strain and store it
+  pure subroutine return_strain(self, e, state, work)
     class(hencky_von_mises_t), intent(in) :: self
-    real(wp), intent(in) :: b(lanes, 6) !! trial b_e
-    real(wp), intent(inout) :: e(lanes, 3) !! principal strains: trial, then returned
-    real(wp), intent(in) :: n(lanes, 9) !! principal directions
+    real(wp), intent(in) :: e(lanes, 6) !! trial strain
     real(wp), intent(inout) :: state(lanes, *)
     real(wp), intent(out) :: work(lanes) !! plastic work: the mean flow stress times the growth of ep [J/m3]
-    real(wp) :: q(lanes), ep(lanes), g(lanes), mu
+    real(wp), parameter :: third = 1.0_wp/3.0_wp
+    real(wp) :: q(lanes), ep(lanes), g(lanes), mean(lanes), mu
     integer :: k
     mu = self%mu
     !$omp simd simdlen(lanes)
     do k = 1, lanes
-      block
-        real(wp) :: mean
-        mean = (e(k, 1) + e(k, 2) + e(k, 3))/3.0_wp
-        q(k) = mu*sqrt(6.0_wp*((e(k, 1) - mean)**2 + (e(k, 2) - mean)**2 + (e(k, 3) - mean)**2))
-        ep(k) = state(k, at_plastic_strain)
-      end block
+      mean(k) = third*(e(k, 1) + e(k, 2) + e(k, 3))
+      q(k) = mu*sqrt(6.0_wp*((e(k, 1) - mean(k))**2 + (e(k, 2) - mean(k))**2 + (e(k, 3) - mean(k))**2 &
+        + 2.0_wp*(e(k, 4)*e(k, 4) + e(k, 5)*e(k, 5) + e(k, 6)*e(k, 6))))
+      ep(k) = state(k, at_plastic_strain)
     end do
     if (self%hardening == power_hardening) then
       call flow_power(mu, self%yield_stress, self%exponent, self%strain, q, ep, g, work)
@@ -129,16 +126,17 @@ contains
     !$omp simd simdlen(lanes)
     do k = 1, lanes
       block
-        real(wp) :: mean, scale
-        mean = (e(k, 1) + e(k, 2) + e(k, 3))/3.0_wp
+        real(wp) :: scale
         scale = 1.0_wp - 3.0_wp*mu*g(k)/max(q(k), tiny(1.0_wp))
-        e(k, 1) = mean + scale*(e(k, 1) - mean)
-        e(k, 2) = mean + scale*(e(k, 2) - mean)
-        e(k, 3) = mean + scale*(e(k, 3) - mean)
         state(k, at_plastic_strain) = ep(k) + g(k)
+        state(k, at_strain) = mean(k) + scale*(e(k, 1) - mean(k))
+        state(k, at_strain + 1) = mean(k) + scale*(e(k, 2) - mean(k))
+        state(k, at_strain + 2) = mean(k) + scale*(e(k, 3) - mean(k))
+        state(k, at_strain + 3) = scale*e(k, 4)
+        state(k, at_strain + 4) = scale*e(k, 5)
+        state(k, at_strain + 5) = scale*e(k, 6)
       end block
     end do
-    call keep_state(self%lambda, self%mu, g, b, e, n, state)
   end subroutine return_strain
 
   !> Linear hardening: closed form
@@ -148,10 +146,12 @@ contains
     real(wp), intent(in) :: ep(lanes) !! plastic strain before
     real(wp), intent(out) :: g(lanes) !! its growth
     real(wp), intent(out) :: work(lanes) !! [J/m3]
+    real(wp) :: per_stiffness
     integer :: k
+    per_stiffness = 1.0_wp/(3.0_wp*mu + h)
     !$omp simd simdlen(lanes)
     do k = 1, lanes
-      g(k) = max(0.0_wp, q(k) - sy - h*ep(k))/(3.0_wp*mu + h)
+      g(k) = per_stiffness*max(0.0_wp, q(k) - sy - h*ep(k))
       work(k) = g(k)*(sy + h*(ep(k) + 0.5_wp*g(k)))
     end do
   end subroutine flow_linear
@@ -217,7 +217,7 @@ contains
     real(wp), intent(in) :: state(lanes, *)
     real(wp), intent(out) :: tau(lanes, 6)
     real(wp), intent(out) :: speed2(lanes)
-    tau = state(:, at_stress + 1:at_stress + 6)
+    call kirchhoff_of_strain(self%lambda, self%mu, state(1, at_strain), tau)
     call wave_bound(self%lambda, self%mu, self%density, tau, speed2)
   end subroutine kirchhoff
 
@@ -227,7 +227,7 @@ contains
     real(wp), intent(in) :: f(lanes, 9)
     real(wp), intent(in) :: state(lanes, *)
     real(wp), intent(out) :: energy(lanes)
-    call elastic_energy(self%lambda, self%mu, state(:, at_stress + 1:at_stress + 6), energy)
+    call elastic_energy(self%lambda, self%mu, state(1, at_strain), energy)
   end subroutine stored_energy
 
   !> ep, the time integral of sqrt(2/3 Dp:Dp)

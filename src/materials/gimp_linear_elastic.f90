@@ -25,7 +25,7 @@ module gimp_linear_elastic
     midpoint_hughes_winget
 
   integer, parameter :: symmetric_hughes_winget = 1, plain_hughes_winget = 2, explicit_jaumann = 3, midpoint_hughes_winget = 4
-  integer, parameter :: at_energy = 7 !! history: Cauchy stress 1 to 6, then the energy
+  integer, parameter :: stress_states = 7, at_energy = 1, at_stress = 2 !! history: energy, then the Cauchy stress
 
   !> The model; needs density, lambda, mu and the scheme
   type, extends(material_t) :: linear_elastic_t
@@ -63,7 +63,7 @@ contains
     case default
       call complain(options, "rate", "must be hughes_winget or jaumann", error)
     end select
-    allocate (material, source=linear_elastic_t(states=at_energy, scheme=scheme))
+    allocate (material, source=linear_elastic_t(states=stress_states, scheme=scheme))
     call set_elasticity(options, material, error)
   end subroutine make_linear_elastic
 
@@ -76,7 +76,7 @@ contains
     integer :: k
     call determinant(f, j)
     do k = 1, lanes
-      state(k, 1:6) = stress(k, :)
+      state(k, at_stress:at_stress + 5) = stress(k, :)
       trace = sum(stress(k, 1:3))
       state(k, at_energy) = j(k)*(sum(stress(k, 1:3)**2) + 2*sum(stress(k, 4:6)**2) &
         - self%lambda*trace**2/(3*self%lambda + 2*self%mu))/(4*self%mu)
@@ -95,22 +95,22 @@ contains
     if (self%scheme == midpoint_hughes_winget) call at_middle(dt, l, rate)
     call symmetric_of(rate, d)
     call half_increment(self%lambda, self%mu, dt, d, half)
-    call stress_power(state, d, power_before)
+    call stress_power(state(1, at_stress), d, power_before)
     select case (self%scheme)
     case (symmetric_hughes_winget, midpoint_hughes_winget)
       call rotation_cayley(dt, rate, q)
-      call add(half, 1.0_wp, state)
-      call rotate_symmetric(q, state)
-      call add(half, 1.0_wp, state)
+      call add(half, 1.0_wp, state(1, at_stress))
+      call rotate_symmetric(q, state(1, at_stress))
+      call add(half, 1.0_wp, state(1, at_stress))
     case (plain_hughes_winget)
       call rotation_cayley(dt, l, q)
-      call rotate_symmetric(q, state)
-      call add(half, 2.0_wp, state)
+      call rotate_symmetric(q, state(1, at_stress))
+      call add(half, 2.0_wp, state(1, at_stress))
     case (explicit_jaumann)
-      call add_spin(dt, l, state)
-      call add(half, 2.0_wp, state)
+      call add_spin(dt, l, state(1, at_stress))
+      call add(half, 2.0_wp, state(1, at_stress))
     end select
-    call stress_power(state, d, power_after)
+    call stress_power(state(1, at_stress), d, power_after)
     call determinant(f, j)
     call determinant(df, dj)
     !$omp simd simdlen(lanes)
@@ -132,8 +132,9 @@ contains
     call inverse(half_way, back)
     call multiply(l, back, middle)
     do c = 1, 9 ! a step that turns the half way inside out is about to fail: nothing here may trap before the driver says so
+      !$omp simd simdlen(lanes)
       do k = 1, lanes
-        if (.not. det(k) > 0.01_wp) middle(k, c) = l(k, c)
+        middle(k, c) = merge(middle(k, c), l(k, c), det(k) > 0.01_wp)
       end do
     end do
   end subroutine at_middle
@@ -228,16 +229,22 @@ contains
     !$omp simd simdlen(lanes)
     do k = 1, lanes
       block
-        real(wp) :: p, j2
-        p = (state(k, 1) + state(k, 2) + state(k, 3))/3.0_wp
-        j2 = 0.5_wp*((state(k, 1) - p)**2 + (state(k, 2) - p)**2 + (state(k, 3) - p)**2) &
-          + state(k, 4)**2 + state(k, 5)**2 + state(k, 6)**2
-        tau(k, 1) = j(k)*state(k, 1)
-        tau(k, 2) = j(k)*state(k, 2)
-        tau(k, 3) = j(k)*state(k, 3)
-        tau(k, 4) = j(k)*state(k, 4)
-        tau(k, 5) = j(k)*state(k, 5)
-        tau(k, 6) = j(k)*state(k, 6)
+        real(wp) :: p, j2, s1, s2, s3, s4, s5, s6
+        s1 = state(k, at_stress)
+        s2 = state(k, at_stress + 1)
+        s3 = state(k, at_stress + 2)
+        s4 = state(k, at_stress + 3)
+        s5 = state(k, at_stress + 4)
+        s6 = state(k, at_stress + 5)
+        p = (s1 + s2 + s3)/3.0_wp
+        j2 = 0.5_wp*((s1 - p)**2 + (s2 - p)**2 + (s3 - p)**2) &
+          + s4**2 + s5**2 + s6**2
+        tau(k, 1) = j(k)*s1
+        tau(k, 2) = j(k)*s2
+        tau(k, 3) = j(k)*s3
+        tau(k, 4) = j(k)*s4
+        tau(k, 5) = j(k)*s5
+        tau(k, 6) = j(k)*s6
         speed2(k) = per_density*max(j(k), 0.0_wp)*(modulus + sqrt(j2))
       end block
     end do

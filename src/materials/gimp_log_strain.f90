@@ -1,141 +1,84 @@
 !> What the models on logarithmic elastic strain share: trial strain, elasticity, storage, bound of the wave speed.
 !>
 !> Kinematics (Simo 1992; de Souza Neto, Peric & Owen 2008, ch. 14): the elastic left Cauchy-Green tensor b_e is pushed
-!> forward, b_tr = dF b_e dF^T; the trial strain e = 1/2 ln b_tr is returned to the yield surface in principal axes as at
-!> small strain; b_e = exp(2 e) keeps the eigenvectors. Elasticity (Hencky): tau = lambda tr(e) I + 2 mu e.
+!> forward, b_tr = dF b_e dF^T, and the trial strain e = 1/2 ln b_tr is returned to the yield surface as at small strain.
+!> Elasticity (Hencky): tau = lambda tr(e) I + 2 mu e. What is stored is e: the stress is linear in it, and b_e = exp(2 e) is
+!> made anew in each step, counted from the unit tensor, so that a step's error is round-off of the strain and not of 1.
+!> An isotropic return scales the deviator and shifts the mean of e, so no step needs principal axes.
 module gimp_log_strain
   use gimp_kinds, only: wp, lanes
-  use gimp_tensor, only: push_forward, left_cauchy_green, eigen_symmetric, compose, natural_log, exponential, determinant
+  use gimp_tensor, only: determinant
+  use gimp_tensor_functions, only: strain_of, push_forward_strain, half_logarithm, exponential_of_twice, strain_logarithm
   implicit none(type, external)
   private
-  public :: plastic_states, at_plastic_strain, at_stress
-  public :: principal_strain, trial_strain, starting_strain, keep_state, kirchhoff_of_strain, elastic_energy, wave_bound
+  public :: plastic_states, at_plastic_strain, at_strain
+  public :: trial_strain, starting_strain, kirchhoff_of_strain, elastic_energy, wave_bound
 
-  !> History of the plastic models: b_e, equivalent plastic strain, Kirchhoff stress. The stress is stored although b_e
-  !> implies it: recomputing it costs a second spectral decomposition per step, six numbers of memory do not.
-  integer, parameter :: plastic_states = 13
-  integer, parameter :: at_plastic_strain = 7 !! where the equivalent plastic strain sits
-  integer, parameter :: at_stress = 7 !! the six stress components follow this one
+  !> History of the plastic models: equivalent plastic strain, then the elastic logarithmic strain
+  integer, parameter :: plastic_states = 7
+  integer, parameter :: at_plastic_strain = 1 !! where the equivalent plastic strain sits
+  integer, parameter :: at_strain = 2 !! first of the six components of the strain
 
 contains
 
-  !> e = 1/2 ln b in principal axes
-  pure subroutine principal_strain(b, e, n)
-    real(wp), intent(in) :: b(lanes, 6)
-    real(wp), intent(out) :: e(lanes, 3) !! principal logarithmic strains
-    real(wp), intent(out) :: n(lanes, 9) !! their directions, as columns
-    integer :: c, k
-    call eigen_symmetric(b, e, n)
-    do c = 1, 3
-      call natural_log(e(:, c))
-      !$omp simd simdlen(lanes)
-      do k = 1, lanes
-        e(k, c) = 0.5_wp*e(k, c)
-      end do
-    end do
-  end subroutine principal_strain
-
   !> The strain before plastic flow
-  pure subroutine trial_strain(df, state, b, e, n)
+  pure subroutine trial_strain(df, old, e)
     real(wp), intent(in) :: df(lanes, 9) !! increment of the deformation gradient
-    real(wp), intent(in) :: state(lanes, *) !! b_e of the old step first
-    real(wp), intent(out) :: b(lanes, 6) !! trial b_e
-    real(wp), intent(out) :: e(lanes, 3) !! principal logarithmic trial strains
-    real(wp), intent(out) :: n(lanes, 9) !! their directions, as columns
-    call push_forward(df, state, b)
-    call principal_strain(b, e, n)
+    real(wp), intent(in) :: old(lanes, 6) !! elastic logarithmic strain of the old step
+    real(wp), intent(out) :: e(lanes, 6) !! logarithmic trial strain
+    real(wp) :: x(lanes, 6), pushed(lanes, 6)
+    call exponential_of_twice(old, x)
+    call push_forward_strain(df, x, pushed)
+    call half_logarithm(pushed, e)
   end subroutine trial_strain
 
   !> The trial strain at t = 0: from F, or from the initial stress where one is given
-  pure subroutine starting_strain(lambda, mu, f, stress, b, e, n)
+  pure subroutine starting_strain(lambda, mu, f, stress, e)
     real(wp), intent(in) :: lambda, mu !! Lame constants [Pa]
     real(wp), intent(in) :: f(lanes, 9) !! deformation gradient at t = 0
     real(wp), intent(in) :: stress(lanes, 6) !! Cauchy stress at t = 0 [Pa]
-    real(wp), intent(out) :: b(lanes, 6) !! trial b_e
-    real(wp), intent(out) :: e(lanes, 3) !! principal logarithmic trial strains
-    real(wp), intent(out) :: n(lanes, 9) !! their directions, as columns
-    real(wp) :: from_stress(lanes, 6), values(lanes, 3), j(lanes), trace
-    integer :: c, k
+    real(wp), intent(out) :: e(lanes, 6) !! logarithmic trial strain
+    real(wp) :: j(lanes), trace
+    integer :: k
+    call strain_logarithm(f, e)
     call determinant(f, j)
     do k = 1, lanes
+      if (.not. maxval(abs(stress(k, :))) > 0.0_wp) cycle
       trace = lambda*sum(stress(k, 1:3))/(3*lambda + 2*mu)
-      from_stress(k, 1:3) = j(k)*(stress(k, 1:3) - trace)/(2*mu)
-      from_stress(k, 4:6) = j(k)*stress(k, 4:6)/(2*mu)
+      e(k, 1:3) = j(k)*(stress(k, 1:3) - trace)/(2*mu)
+      e(k, 4:6) = j(k)*stress(k, 4:6)/(2*mu)
     end do
-    call eigen_symmetric(from_stress, values, n)
-    do c = 1, 3
-      values(:, c) = 2*values(:, c)
-      call exponential(values(:, c))
-    end do
-    call compose(values, n, from_stress)
-    call left_cauchy_green(f, b)
-    do k = 1, lanes
-      if (maxval(abs(stress(k, :))) > 0.0_wp) b(k, :) = from_stress(k, :)
-    end do
-    call principal_strain(b, e, n)
   end subroutine starting_strain
 
-  !> Store b_e and the Kirchhoff stress that belong to the returned strain
-  pure subroutine keep_state(lambda, mu, flows, b, e, n, state)
-    real(wp), intent(in) :: lambda, mu !! Lame constants [Pa]
-    real(wp), intent(in) :: flows(lanes) !! above zero where the return changed the strain: elsewhere b is kept as it is,
-      !! because ln and exp in turn would leave a bias that grows with the number of steps
-    real(wp), intent(in) :: b(lanes, 6) !! trial b_e
-    real(wp), intent(in) :: e(lanes, 3) !! principal logarithmic strains after the return
-    real(wp), intent(in) :: n(lanes, 9) !! their directions, as columns
-    real(wp), intent(inout) :: state(lanes, *)
-    real(wp) :: values(lanes, 3), returned(lanes, 6), tau(lanes, 6)
-    integer :: c, k
-    do c = 1, 3
-      !$omp simd simdlen(lanes)
-      do k = 1, lanes
-        values(k, c) = 2.0_wp*e(k, c)
-      end do
-      call exponential(values(:, c))
-    end do
-    call compose(values, n, returned)
-    call kirchhoff_of_strain(lambda, mu, e, n, tau)
-    do c = 1, 6
-      !$omp simd simdlen(lanes)
-      do k = 1, lanes
-        state(k, c) = merge(returned(k, c), b(k, c), flows(k) > 0.0_wp)
-        state(k, at_stress + c) = tau(k, c)
-      end do
-    end do
-  end subroutine keep_state
-
   !> tau = lambda tr(e) I + 2 mu e
-  pure subroutine kirchhoff_of_strain(lambda, mu, e, n, tau)
+  pure subroutine kirchhoff_of_strain(lambda, mu, e, tau)
     real(wp), intent(in) :: lambda, mu !! Lame constants [Pa]
-    real(wp), intent(in) :: e(lanes, 3) !! principal logarithmic strains
-    real(wp), intent(in) :: n(lanes, 9) !! their directions, as columns
+    real(wp), intent(in) :: e(lanes, 6) !! elastic logarithmic strain
     real(wp), intent(out) :: tau(lanes, 6) !! Kirchhoff stress [Pa]
-    real(wp) :: values(lanes, 3), volumetric
+    real(wp) :: volumetric
     integer :: k
     !$omp simd simdlen(lanes) private(volumetric)
     do k = 1, lanes
       volumetric = lambda*(e(k, 1) + e(k, 2) + e(k, 3))
-      values(k, 1) = volumetric + 2.0_wp*mu*e(k, 1)
-      values(k, 2) = volumetric + 2.0_wp*mu*e(k, 2)
-      values(k, 3) = volumetric + 2.0_wp*mu*e(k, 3)
+      tau(k, 1) = volumetric + 2.0_wp*mu*e(k, 1)
+      tau(k, 2) = volumetric + 2.0_wp*mu*e(k, 2)
+      tau(k, 3) = volumetric + 2.0_wp*mu*e(k, 3)
+      tau(k, 4) = 2.0_wp*mu*e(k, 4)
+      tau(k, 5) = 2.0_wp*mu*e(k, 5)
+      tau(k, 6) = 2.0_wp*mu*e(k, 6)
     end do
-    call compose(values, n, tau)
   end subroutine kirchhoff_of_strain
 
-  !> W = |dev tau|^2/(4 mu) + p^2/(2 K), p = tr(tau)/3: the same as mu e:e + lambda/2 tr(e)^2
-  pure subroutine elastic_energy(lambda, mu, tau, energy)
+  !> W = mu e:e + lambda/2 tr(e)^2
+  pure subroutine elastic_energy(lambda, mu, e, energy)
     real(wp), intent(in) :: lambda, mu !! Lame constants [Pa]
-    real(wp), intent(in) :: tau(lanes, 6) !! Kirchhoff stress [Pa]
+    real(wp), intent(in) :: e(lanes, 6) !! elastic logarithmic strain
     real(wp), intent(out) :: energy(lanes) !! per reference volume [J/m3]
-    real(wp) :: p, shear, bulk
     integer :: k
-    shear = 0.25_wp/mu
-    bulk = 0.5_wp/(lambda + 2.0_wp*mu/3.0_wp)
-    !$omp simd simdlen(lanes) private(p)
+    !$omp simd simdlen(lanes)
     do k = 1, lanes
-      p = (tau(k, 1) + tau(k, 2) + tau(k, 3))/3.0_wp
-      energy(k) = bulk*p*p + shear*((tau(k, 1) - p)**2 + (tau(k, 2) - p)**2 + (tau(k, 3) - p)**2 &
-        + 2.0_wp*(tau(k, 4)**2 + tau(k, 5)**2 + tau(k, 6)**2))
+      energy(k) = mu*(e(k, 1)**2 + e(k, 2)**2 + e(k, 3)**2 + 2.0_wp*(e(k, 4)**2 + e(k, 5)**2 + e(k, 6)**2)) &
+        + 0.5_wp*lambda*(e(k, 1) + e(k, 2) + e(k, 3))**2
     end do
   end subroutine elastic_energy
 
@@ -155,22 +98,24 @@ contains
     real(wp), intent(in) :: density !! reference density [kg/m3]
     real(wp), intent(in) :: tau(lanes, 6) !! Kirchhoff stress [Pa]
     real(wp), intent(out) :: speed2(lanes) !! [m2/s2]
-    real(wp) :: per_density
+    real(wp), parameter :: third = 1.0_wp/3.0_wp, root_sixth = sqrt(1.0_wp/6.0_wp), root_two_thirds = sqrt(2.0_wp/3.0_wp)
+    real(wp) :: per_density, per_mu ! a division in a lane loop costs as much as ten multiplications
     integer :: k
     per_density = 1.0_wp/density
+    per_mu = sqrt(2.0_wp)/mu
     !$omp simd simdlen(lanes)
     do k = 1, lanes
       block
         real(wp) :: p, norm2, norm, x, mean, g
-        p = (tau(k, 1) + tau(k, 2) + tau(k, 3))/3.0_wp
+        p = third*(tau(k, 1) + tau(k, 2) + tau(k, 3))
         norm2 = (tau(k, 1) - p)**2 + (tau(k, 2) - p)**2 + (tau(k, 3) - p)**2 &
           + 2.0_wp*(tau(k, 4)**2 + tau(k, 5)**2 + tau(k, 6)**2)
         norm = sqrt(norm2)
-        x = sqrt(2.0_wp)*norm/mu
-        mean = mu*(1.0_wp + min(x*x/12.0_wp, 0.5_wp*x))
-        g = max(abs(mu - p), abs(mean - p)) + norm/sqrt(6.0_wp)
+        x = per_mu*norm
+        mean = mu*(1.0_wp + min(0.25_wp*third*x*x, 0.5_wp*x))
+        g = max(abs(mu - p), abs(mean - p)) + root_sixth*norm
         speed2(k) = per_density*(max(lambda, 0.0_wp) &
-          + max(mean + sqrt(0.5_wp*norm2 + g*g), 2.0_wp*mu - p + sqrt(2.0_wp/3.0_wp)*norm))
+          + max(mean + sqrt(0.5_wp*norm2 + g*g), 2.0_wp*mu - p + root_two_thirds*norm))
       end block
     end do
   end subroutine wave_bound

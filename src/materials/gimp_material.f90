@@ -2,11 +2,16 @@
 !>
 !> A call serves one chunk of eight particles. Spare lanes hold F = I, L = 0 and the state that `start_state` makes of them:
 !> a model must then give finite numbers. An inverted particle (J <= 0) must not trap either; the caller checks J.
+!>
+!> A history is scalars, then at most one symmetric tensor, which ends it. Its yz and zx components vanish in a plane, and xy
+!> on a line: these last components are not stored there. Models always see the whole history.
 module gimp_material
   use gimp_kinds, only: wp, lanes
   implicit none(type, external)
   private
-  public :: material_t
+  public :: material_t, most_states, load_history, keep_history
+
+  integer, parameter :: most_states = 7 !! the longest history of the models
 
   !> A constitutive model
   type, abstract :: material_t
@@ -15,12 +20,13 @@ module gimp_material
     real(wp) :: density = 0.0_wp !! reference density [kg/m3]
     real(wp) :: lambda = 0.0_wp !! first Lame constant [Pa]
     real(wp) :: mu = 0.0_wp !! shear modulus [Pa]
-    integer :: states = 0 !! history components stored per particle
+    integer :: states = 0 !! history components
   contains
     procedure(start_state_i), deferred :: start_state
     procedure(advance_state_i), deferred :: advance_state
     procedure(kirchhoff_i), deferred :: kirchhoff
     procedure(stored_energy_i), deferred :: stored_energy
+    procedure :: stored_states
     procedure :: initial_speed
     procedure :: equivalent_plastic_strain
   end type material_t
@@ -72,6 +78,48 @@ module gimp_material
   end interface
 
 contains
+
+  !> History components that a scene of dimension `dim` stores per particle
+  pure integer function stored_states(self, dim)
+    class(material_t), intent(in) :: self
+    integer, intent(in) :: dim
+    integer, parameter :: vanishing(3) = [3, 2, 0]
+    stored_states = max(0, self%states - vanishing(dim))
+  end function stored_states
+
+  !> The whole history of a chunk from the components that are stored
+  pure subroutine load_history(components, stored, history)
+    integer, intent(in) :: components !! stored per particle
+    real(wp), intent(in) :: stored(lanes, components)
+    real(wp), intent(out) :: history(lanes, most_states) !! zero beyond them
+    integer :: k, n
+    do n = 1, components
+      !$omp simd simdlen(lanes)
+      do k = 1, lanes
+        history(k, n) = stored(k, n)
+      end do
+    end do
+    do n = components + 1, most_states
+      !$omp simd simdlen(lanes)
+      do k = 1, lanes
+        history(k, n) = 0.0_wp
+      end do
+    end do
+  end subroutine load_history
+
+  !> Store the history of a chunk
+  pure subroutine keep_history(components, history, stored)
+    integer, intent(in) :: components !! stored per particle
+    real(wp), intent(in) :: history(lanes, most_states)
+    real(wp), intent(inout) :: stored(lanes, components)
+    integer :: k, n
+    do n = 1, components
+      !$omp simd simdlen(lanes)
+      do k = 1, lanes
+        stored(k, n) = history(k, n)
+      end do
+    end do
+  end subroutine keep_history
 
   !> Speed of pressure waves in the unstressed material [m/s]
   pure real(wp) function initial_speed(self)

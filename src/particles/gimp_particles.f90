@@ -16,6 +16,7 @@ module gimp_particles
     character(len=24) :: name = ""
     integer :: first = 0 !! index of its first component; 0: not stored in this scene
     integer :: components = 0
+    character(len=80) :: reason = "" !! what in the scene asks for it; empty: every scene stores it
   end type field_t
 
   !> Consecutive chunks of one block and one material
@@ -56,13 +57,15 @@ module gimp_particles
 contains
 
   !> Announce a quantity; done once, while the scene is set up
-  subroutine add_field(self, name, components, field)
+  subroutine add_field(self, name, components, field, reason)
     type(particles_t), intent(inout) :: self
     character(len=*), intent(in) :: name
     integer, intent(in) :: components
     type(field_t), intent(out) :: field !! keep it: it says where the quantity lives
+    character(len=*), intent(in), optional :: reason !! what in the scene asks for it, in words of the scene
     if (.not. allocated(self%fields)) allocate (self%fields(0))
     field = field_t(name, self%components + 1, components)
+    if (present(reason)) field%reason = reason
     self%fields = [self%fields, field]
     self%components = self%components + components
   end subroutine add_field

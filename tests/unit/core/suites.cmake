@@ -1,2 +1,3 @@
 gimp_add_unit_test(core test_tensor)
 gimp_add_unit_test(core test_hash_sorting)
+gimp_add_unit_test(core test_tensor_functions)

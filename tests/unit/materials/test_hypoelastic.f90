@@ -98,9 +98,9 @@ contains
         if (scheme == 1) expected = matmul(turn, matmul(s + a, transpose(turn))) + a
         if (scheme == 2) expected = matmul(turn, matmul(s, transpose(turn))) + 2*a
         if (scheme == 3) expected = s + dt*(matmul(w, s) - matmul(s, w)) + 2*a
-        call check(reshape(full_symmetric(state(k, 1:6)), [9]), reshape(expected, [9]), 1.0e-12_wp, "one step")
+        call check(reshape(full_symmetric(state(k, 2:7)), [9]), reshape(expected, [9]), 1.0e-12_wp, "one step")
         a = full(df(k, :))
-        call check(tau(k, :), state(k, 1:6)*(a(1, 1)*(a(2, 2)*a(3, 3) - a(2, 3)*a(3, 2)) &
+        call check(tau(k, :), state(k, 2:7)*(a(1, 1)*(a(2, 2)*a(3, 3) - a(2, 3)*a(3, 2)) &
           - a(1, 2)*(a(2, 1)*a(3, 3) - a(2, 3)*a(3, 1)) + a(1, 3)*(a(2, 1)*a(3, 2) - a(2, 2)*a(3, 1))), 1.0e-12_wp, &
           "tau = J sigma")
       end do
@@ -142,7 +142,7 @@ contains
       call material%advance_state(dt, l, df, f, state, work)
     end do
     g = 6
-    error = maxval(abs(state(2, 1:6)/material%mu - [1 - cos(g), cos(g) - 1, 0.0_wp, sin(g), 0.0_wp, 0.0_wp]))
+    error = maxval(abs(state(2, 2:7)/material%mu - [1 - cos(g), cos(g) - 1, 0.0_wp, sin(g), 0.0_wp, 0.0_wp]))
   end subroutine largest_error
 
   !> A prestressed block turned 100 times keeps its invariants: Hughes-Winget turns by an exact rotation
@@ -161,7 +161,7 @@ contains
     l(:, 8) = -0.3_wp
     f = spread(identity, 1, lanes)
     call material%start_state(f, stress, state)
-    work = state(:, 7)
+    work = state(:, 1)
     call increment_cayley(2*pi/per_turn, l, df)
     do n = 1, 100*per_turn
       call multiply(df, f, g)
@@ -173,7 +173,7 @@ contains
     call check(sum(tau(:, 1:3), 2), sum(stress(:, 1:3), 2), 6.0e-12_wp*100, "trace after 100 turns")
     call check(sum(tau(:, 1:3)**2, 2) + 2*sum(tau(:, 4:6)**2, 2), sum(stress(:, 1:3)**2, 2) + 2*sum(stress(:, 4:6)**2, 2), &
       6.0e-12_wp*1.0e5_wp, "norm after 100 turns")
-    call check(state(:, 7), work, 1.0e-10_wp, "a pure spin does no work")
+    call check(state(:, 1), work, 1.0e-10_wp, "a pure spin does no work")
   end subroutine test_hundred_turns
 
   !> L = W of spin w about z: explicit Jaumann lets the in-plane deviator grow by sqrt(1 + 4 (w dt)^2) per step, Hughes-Winget
@@ -195,7 +195,7 @@ contains
     do n = 1, 10
       call material%advance_state(theta, l, df, df, state, work)
     end do
-    call check(sqrt(((state(1, 1) - state(1, 2))/2)**2 + state(1, 4)**2), sqrt(1 + 4*theta**2)**10, 1.0e-14_wp, &
+    call check(sqrt(((state(1, 2) - state(1, 3))/2)**2 + state(1, 5)**2), sqrt(1 + 4*theta**2)**10, 1.0e-14_wp, &
       "explicit Jaumann grows by the known factor")
     call make("hughes_winget", "plain", material)
     call material%start_state(df, stress, state)
@@ -203,7 +203,7 @@ contains
       call material%advance_state(theta, l, df, df, state, work)
     end do
     angle = 20*atan(theta/2)
-    call check(state(1, 1:6), [cos(2*angle), -cos(2*angle), 0.0_wp, sin(2*angle), 0.0_wp, 0.0_wp], 1.0e-14_wp, &
+    call check(state(1, 2:7), [cos(2*angle), -cos(2*angle), 0.0_wp, sin(2*angle), 0.0_wp, 0.0_wp], 1.0e-14_wp, &
       "Hughes-Winget turns by 2 atan(w dt/2)")
   end subroutine test_pure_spin
 
@@ -238,7 +238,7 @@ contains
       f = x
       call material%advance_state(1.0_wp/steps, l, df, f, state, work)
     end do
-    error = abs(state(1, 1)/(material%lambda + 2*material%mu) - log(2.0_wp))
+    error = abs(state(1, 2)/(material%lambda + 2*material%mu) - log(2.0_wp))
   end subroutine stretch_error
 
   !> The whole motion turned by a fixed rotation: the stress is the turned stress, for every scheme
@@ -267,11 +267,11 @@ contains
         call material%advance_state(0.02_wp, l, df, df, state, work)
         call material%advance_state(0.02_wp, l_turned, df_turned, df_turned, state_turned, work)
       end do
-      call push_forward(q, state, turned)
+      call push_forward(q, state(1, 2), turned)
       do k = 1, lanes ! stresses of some hundred, 20 steps
-        call check(state_turned(k, 1:6), turned(k, :), 1.0e-11_wp, "turned axes, turned stress")
+        call check(state_turned(k, 2:7), turned(k, :), 1.0e-11_wp, "turned axes, turned stress")
       end do
-      call check(state_turned(:, 7), state(:, 7), 1.0e-10_wp, "turned axes, same energy")
+      call check(state_turned(:, 1), state(:, 1), 1.0e-10_wp, "turned axes, same energy")
     end do
   end subroutine test_objectivity
 
