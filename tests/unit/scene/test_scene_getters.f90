@@ -82,7 +82,7 @@ contains
     call read_2d("")
     call check(count_groups(scene, "method"), 0, "no &method")
     call check(word_of(scene, "method", 1, "basis"), "cpgimp", "default word of an absent group")
-    call check(real_of(scene, "method", 1, "flip_fraction"), 1.0_wp, 0.0_wp, "default number of an absent group")
+    call check(real_of(scene, "method", 1, "flip_fraction"), 0.95_wp, 0.0_wp, "default number of an absent group")
     call check_true(logical_of(scene, "method", 1, "half_step_start"), "default logical")
     call check(text_of_key(scene, "output", 1, "name"), "gimp", "default text")
     call check(trim(texts_of_nth(3)), "stress", "default list of words")
