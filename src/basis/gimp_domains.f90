@@ -47,11 +47,12 @@ contains
       end if
     end select
     do k = 1, 3
+      !$omp simd simdlen(lanes)
       do i = 1, lanes
-        if (half0(i, k)*u(i, k) > longest_half) clamped = clamped + 1
         half(i, k) = min(longest_half, max(shortest_half, half0(i, k)*u(i, k)))
       end do
     end do
+    if (any(half >= longest_half)) clamped = clamped + count(half0*u > longest_half)
   end subroutine domain_half_lengths
 
   pure subroutine mean_stretch(dim, f, u)
@@ -87,13 +88,15 @@ contains
   end subroutine stretch_2d
 
   !> Diagonal of U in space: R by Newton's iteration for the polar decomposition, R <- (R + R^-T)/2 from F scaled to unit
-  !> determinant (Higham 1986), then U_kk = sum_i R_ik F_ik. A fixed number of steps, so that a lane never depends on its
-  !> neighbours: 10 reach round-off for principal stretch ratios up to about 60 (see the unit test).
+  !> size (Higham 1986), then U_kk = sum_i R_ik F_ik. Ten steps reach round-off for principal stretch ratios up to about 60 (see
+  !> the unit test); usual strains take three or four. A lane whose last step was below `settled` stands still, since the next one
+  !> would be its square: so a lane never depends on how long its neighbours take.
   pure subroutine stretch_3d(f, u)
     real(wp), intent(in) :: f(lanes, 9)
     real(wp), intent(out) :: u(lanes, 3)
     integer, parameter :: steps = 10
-    real(wp) :: r(lanes, 9), scale, d, a1, a2, a3, a4, a5, a6, a7, a8, a9
+    real(wp), parameter :: settled = 0.1_wp*sqrt(epsilon(1.0_wp))
+    real(wp) :: r(lanes, 9), moving(lanes), scale, d, h, change, a1, a2, a3, a4, a5, a6, a7, a8, a9
     integer :: i, k
     !$omp simd simdlen(lanes) private(scale)
     do i = 1, lanes
@@ -103,8 +106,9 @@ contains
       r(i, 4) = f(i, 4)*scale; r(i, 5) = f(i, 5)*scale; r(i, 6) = f(i, 6)*scale
       r(i, 7) = f(i, 7)*scale; r(i, 8) = f(i, 8)*scale; r(i, 9) = f(i, 9)*scale
     end do
+    moving = 1.0_wp
     do k = 1, steps
-      !$omp simd simdlen(lanes) private(d, a1, a2, a3, a4, a5, a6, a7, a8, a9)
+      !$omp simd simdlen(lanes) private(d, h, change, a1, a2, a3, a4, a5, a6, a7, a8, a9)
       do i = 1, lanes
         a1 = r(i, 5)*r(i, 9) - r(i, 6)*r(i, 8) ! cofactors: R^-T = cof R / det R
         a2 = r(i, 6)*r(i, 7) - r(i, 4)*r(i, 9)
@@ -115,11 +119,18 @@ contains
         a7 = r(i, 2)*r(i, 6) - r(i, 3)*r(i, 5)
         a8 = r(i, 3)*r(i, 4) - r(i, 1)*r(i, 6)
         a9 = r(i, 1)*r(i, 5) - r(i, 2)*r(i, 4)
-        d = 0.5_wp/max(r(i, 1)*a1 + r(i, 2)*a2 + r(i, 3)*a3, tiny(1.0_wp)**0.5_wp)
-        r(i, 1) = 0.5_wp*r(i, 1) + d*a1; r(i, 2) = 0.5_wp*r(i, 2) + d*a2; r(i, 3) = 0.5_wp*r(i, 3) + d*a3
-        r(i, 4) = 0.5_wp*r(i, 4) + d*a4; r(i, 5) = 0.5_wp*r(i, 5) + d*a5; r(i, 6) = 0.5_wp*r(i, 6) + d*a6
-        r(i, 7) = 0.5_wp*r(i, 7) + d*a7; r(i, 8) = 0.5_wp*r(i, 8) + d*a8; r(i, 9) = 0.5_wp*r(i, 9) + d*a9
+        d = moving(i)*0.5_wp/max(r(i, 1)*a1 + r(i, 2)*a2 + r(i, 3)*a3, tiny(1.0_wp)**0.5_wp)
+        h = moving(i)*0.5_wp ! R <- R + (R^-T - R)/2, or nothing
+        a1 = d*a1 - h*r(i, 1); a2 = d*a2 - h*r(i, 2); a3 = d*a3 - h*r(i, 3)
+        a4 = d*a4 - h*r(i, 4); a5 = d*a5 - h*r(i, 5); a6 = d*a6 - h*r(i, 6)
+        a7 = d*a7 - h*r(i, 7); a8 = d*a8 - h*r(i, 8); a9 = d*a9 - h*r(i, 9)
+        r(i, 1) = r(i, 1) + a1; r(i, 2) = r(i, 2) + a2; r(i, 3) = r(i, 3) + a3
+        r(i, 4) = r(i, 4) + a4; r(i, 5) = r(i, 5) + a5; r(i, 6) = r(i, 6) + a6
+        r(i, 7) = r(i, 7) + a7; r(i, 8) = r(i, 8) + a8; r(i, 9) = r(i, 9) + a9
+        change = a1*a1 + a2*a2 + a3*a3 + a4*a4 + a5*a5 + a6*a6 + a7*a7 + a8*a8 + a9*a9
+        moving(i) = merge(1.0_wp, 0.0_wp, change > settled**2)
       end do
+      if (all(moving < 0.5_wp)) exit
     end do
     !$omp simd simdlen(lanes)
     do i = 1, lanes
