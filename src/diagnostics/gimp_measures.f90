@@ -6,6 +6,7 @@ module gimp_measures
   use gimp_hash_table, only: mix_bits
   use gimp_particles, only: particles_t, group_t
   use gimp_engine, only: engine_t
+  use gimp_chunk_state, only: chunk_deformation
   use gimp_basis, only: basis_cpgimp, list_inertia
   use gimp_verification, only: verification_t, exact_motion, exact_stress
   implicit none(type, external)
@@ -31,23 +32,6 @@ module gimp_measures
   end type errors_t
 
 contains
-
-  !> Full deformation gradient of a chunk
-  pure subroutine chunk_deformation(particles, c, f)
-    type(particles_t), intent(in) :: particles
-    integer, intent(in) :: c
-    real(wp), intent(out) :: f(lanes, 9)
-    integer :: i, j
-    f = 0.0_wp
-    f(:, 1) = 1.0_wp
-    f(:, 5) = 1.0_wp
-    f(:, 9) = 1.0_wp
-    do i = 1, particles%dim
-      do j = 1, particles%dim
-        f(:, 3*(i - 1) + j) = particles%p(:, particles%deformation%first + particles%dim*(i - 1) + j - 1, c)
-      end do
-    end do
-  end subroutine chunk_deformation
 
   !> Positions of a chunk in metres; zero in axes beyond the dimension
   pure subroutine chunk_position(engine, group, c, x)

@@ -34,7 +34,7 @@ contains
     character(len=*), intent(in) :: word
     real(wp) :: dt, free
     integer :: limit
-    call next_step(options, 0.5_wp, rate, speed, strain_rate, last, far, dt, free, limit)
+    call next_step(options, 0.5_wp, rate, speed, strain_rate, huge(1.0_wp), last, far, dt, free, limit)
     call check(dt, wanted, 4*round_off*wanted, "step limited by "//word)
     call check(free, dt, 0.0_wp, "nothing shortened it")
     call check(limit_word(limit), word, "the limit is named")
@@ -46,11 +46,11 @@ contains
     integer :: limit
     options%rule = rule_fixed
     options%step = 0.125_wp
-    call next_step(options, 0.5_wp, 1.0e6_wp, 1.0e6_wp, 1.0e6_wp, 1.0e-3_wp, 0.01_wp, dt, free, limit)
+    call next_step(options, 0.5_wp, 1.0e6_wp, 1.0e6_wp, 1.0e6_wp, huge(1.0_wp), 1.0e-3_wp, 0.01_wp, dt, free, limit)
     call check(dt, 0.125_wp, 0.0_wp, "a fixed step obeys no limit")
     call check(limit_word(limit), "prescribed", "and says so")
     options%rule = rule_uniform
-    call next_step(options, 0.5_wp, 1.0e6_wp, 1.0e6_wp, 1.0e6_wp, 1.0e-3_wp, 0.01_wp, dt, free, limit)
+    call next_step(options, 0.5_wp, 1.0e6_wp, 1.0e6_wp, 1.0e6_wp, huge(1.0_wp), 1.0e-3_wp, 0.01_wp, dt, free, limit)
     call check(dt, 0.125_wp, 0.0_wp, "nor does a uniform one")
     call check_true(options%rule /= rule_adaptive, "both are not the adaptive rule")
   end subroutine test_prescribed
@@ -61,11 +61,11 @@ contains
     real(wp) :: dt, free, last, until, shortest
     integer :: limit, k, steps, too_long
     options%courant = 0.4_wp
-    call next_step(options, 0.5_wp, 10.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.05_wp, dt, free, limit)
+    call next_step(options, 0.5_wp, 10.0_wp, 0.0_wp, 0.0_wp, huge(1.0_wp), 0.0_wp, 0.05_wp, dt, free, limit)
     call check(dt, 0.05_wp/3, round_off, "two and a half steps become three")
     call check(free, 0.02_wp, round_off, "the unshortened step is remembered for the growth limit")
     call check(limit_word(limit), "output", "shortened for output")
-    call next_step(options, 0.5_wp, 10.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.02_wp*(1 + 1.0e-10_wp), dt, free, limit)
+    call next_step(options, 0.5_wp, 10.0_wp, 0.0_wp, 0.0_wp, huge(1.0_wp), 0.0_wp, 0.02_wp*(1 + 1.0e-10_wp), dt, free, limit)
     call check(dt, 0.02_wp, 1.0e-11_wp, "a hair above one step stays one step")
     call check(limit_word(limit), "courant", "and is not called shortened")
     too_long = 0
@@ -75,7 +75,7 @@ contains
       last = 0.0_wp
       steps = 0
       do while (until > 1.0e-15_wp .and. steps < 100)
-        call next_step(options, 0.5_wp, 10.0_wp, 0.0_wp, 0.0_wp, last, until, dt, free, limit)
+        call next_step(options, 0.5_wp, 10.0_wp, 0.0_wp, 0.0_wp, huge(1.0_wp), last, until, dt, free, limit)
         if (dt > 0.02_wp*(1 + 1.0e-8_wp)) too_long = too_long + 1
         if (0.0017_wp*k > 0.02_wp) shortest = min(shortest, dt)
         until = until - dt

@@ -1,0 +1,54 @@
+!> What is read off the particles chunk by chunk: the full deformation gradient, and the elastic energy of them all
+module gimp_chunk_state
+  use gimp_kinds, only: wp, dp, lanes
+  use gimp_accumulator, only: block_sum
+  use gimp_particles, only: particles_t
+  use gimp_engine, only: engine_t
+  implicit none(type, external)
+  private
+  public :: chunk_deformation, elastic_energy_of
+
+contains
+
+  !> Full deformation gradient of a chunk
+  pure subroutine chunk_deformation(particles, c, f)
+    type(particles_t), intent(in) :: particles
+    integer, intent(in) :: c !! chunk
+    real(wp), intent(out) :: f(lanes, 9)
+    integer :: i, j
+    f = 0.0_wp
+    f(:, 1) = 1.0_wp
+    f(:, 5) = 1.0_wp
+    f(:, 9) = 1.0_wp
+    do i = 1, particles%dim
+      do j = 1, particles%dim
+        f(:, 3*(i - 1) + j) = particles%p(:, particles%deformation%first + particles%dim*(i - 1) + j - 1, c)
+      end do
+    end do
+  end subroutine chunk_deformation
+
+  !> Elastic energy of all particles [J], summed per group and then in their order
+  real(dp) function elastic_energy_of(engine)
+    type(engine_t), intent(in) :: engine
+    real(wp) :: f(lanes, 9), energy(lanes)
+    real(dp) :: part(size(engine%particles%groups))
+    integer :: g, c, l
+    associate (particles => engine%particles)
+      !$omp parallel do schedule(static) private(c, l, f, energy)
+      do g = 1, size(particles%groups)
+        part(g) = 0.0_dp
+        do c = particles%groups(g)%first, particles%groups(g)%last
+          call chunk_deformation(particles, c, f)
+          call engine%laws(particles%groups(g)%material)%law%stored_energy(f, particles%p(:, max(1, particles%state%first):, c), &
+                                                                           energy)
+          do l = 1, lanes
+            part(g) = part(g) + real(particles%p(l, particles%volume%first, c), dp)*real(energy(l), dp)
+          end do
+        end do
+      end do
+      !$omp end parallel do
+    end associate
+    elastic_energy_of = block_sum(part)
+  end function elastic_energy_of
+
+end module gimp_chunk_state
