@@ -6,7 +6,7 @@ module gimp_chunk_state
   use gimp_engine, only: engine_t
   implicit none(type, external)
   private
-  public :: chunk_deformation, elastic_energy_of
+  public :: chunk_deformation, elastic_energy_of, elastic_round_off
 
 contains
 
@@ -50,5 +50,21 @@ contains
     end associate
     elastic_energy_of = block_sum(part)
   end function elastic_energy_of
+
+  !> Round-off of that energy [J]: laws take differences of numbers of the size of their modulus
+  real(dp) function elastic_round_off(engine) result(energy)
+    type(engine_t), intent(in) :: engine
+    integer :: g
+    energy = 0.0_dp
+    associate (particles => engine%particles)
+      do g = 1, size(particles%groups)
+        associate (law => engine%laws(particles%groups(g)%material)%law, first => particles%groups(g)%first, &
+                   last => particles%groups(g)%last)
+          energy = energy + 16.0_dp*epsilon(1.0_wp)*(law%lambda + 2.0_wp*law%mu) &
+            *sum(real(particles%p(:, particles%volume%first, first:last), dp))
+        end associate
+      end do
+    end associate
+  end function elastic_round_off
 
 end module gimp_chunk_state
