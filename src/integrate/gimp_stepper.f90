@@ -19,7 +19,7 @@ module gimp_stepper
   use gimp_nodes, only: update_nodes, node_step_t, stage_full, stage_velocity, stage_kick, stage_project, n_node_sums, &
     book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_cut, book_cut_momentum, &
     book_reaction, book_pushed, book_impulse, book_held
-  use gimp_books, only: books_t, close_step
+  use gimp_books, only: books_t, close_step, energy_from_nothing
   use gimp_step_size, only: time_options_t, next_step, limit_output, limit_redone, most_halvings
   use gimp_chunk_state, only: elastic_energy_of, elastic_round_off
   use gimp_saved_state, only: saved_state_t, clock_t, save_particles, recall_particles, saved_bytes
@@ -34,9 +34,6 @@ module gimp_stepper
   integer, parameter :: damping_none = 0, damping_local = 1, damping_kinetic = 2
   integer, parameter :: phase_grid = 1, phase_particles = 2, phase_sort = 3, n_phases = 4
   integer, parameter :: phase_checks = 4 !! critical step, and the copy of the state for steps that may be redone
-
-  real(dp), parameter :: most_gain = 0.5_dp !! energy that a step may gain, of what there was
-  real(dp), parameter :: small_energy = 1.0e-3_dp !! of the largest energy so far: gains below half of it do not count
 
   !> How a step is taken
   type :: method_t
@@ -267,24 +264,16 @@ contains
     s%books = s%saved%books ! the pass has booked what it counts once more
   end subroutine recall_state
 
-  !> Whether the step just taken is to be redone: a particle failed, or energy came out of nothing. In one sound step kinetic
-  !> plus stored plus dissipated energy less external work stays as it is but for the losses of the transfers and the half
-  !> step between velocities and positions, which moves up to (w dt)^2/2 of it. Half of what was there is no such thing.
+  !> Whether the step just taken is to be redone: a particle failed, or energy came out of nothing
   logical function went_wrong(s, failed)
     type(stepper_t), intent(inout) :: s
     logical, intent(in) :: failed
-    real(dp) :: gain, present, start
+    real(dp) :: start
     went_wrong = failed .and. .not. s%hopeless
     if (failed) return
     start = seconds_now()
     s%stored = elastic_energy_of(s%engine)
-    associate (now => s%books, before => s%saved%books)
-      gain = (now%kinetic + s%stored + now%plastic + now%damping + now%removed - now%loads - now%reactions) &
-             - (before%kinetic + s%saved%clock%stored + before%plastic + before%damping + before%removed - before%loads &
-                - before%reactions)
-      present = before%kinetic + abs(s%saved%clock%stored) + abs(now%loads - before%loads) + abs(now%reactions - before%reactions)
-      went_wrong = .not. gain <= most_gain*max(present, small_energy*now%largest) + s%energy_noise ! so that NaN is wrong
-    end associate
+    went_wrong = energy_from_nothing(s%saved%books, s%saved%clock%stored, s%books, s%stored, s%energy_noise)
     s%seconds(phase_checks) = s%seconds(phase_checks) + seconds_now() - start
   end function went_wrong
 
