@@ -9,6 +9,7 @@ program test_step_size
 
   call begin_suite("step size")
   call test_limits()
+  call test_critical()
   call test_prescribed()
   call test_meets_times()
   call end_suite()
@@ -39,6 +40,24 @@ contains
     call check(free, dt, 0.0_wp, "nothing shortened it")
     call check(limit_word(limit), word, "the limit is named")
   end subroutine expect
+
+  !> A share of the critical step is a limit where the scene asks for it, and growth holds on the way back
+  subroutine test_critical()
+    type(time_options_t) :: options
+    real(wp) :: dt, free
+    integer :: limit
+    options%courant = 0.4_wp
+    call next_step(options, 0.5_wp, 10.0_wp, 0.0_wp, 0.0_wp, 0.01_wp, 0.0_wp, far, dt, free, limit)
+    call check(dt, 0.02_wp, 4*round_off*0.02_wp, "reported only")
+    options%most_of_critical = 0.8_wp
+    call next_step(options, 0.5_wp, 10.0_wp, 0.0_wp, 0.0_wp, 0.01_wp, 0.0_wp, far, dt, free, limit)
+    call check(dt, 0.008_wp, 4*round_off*0.008_wp, "a share of the critical step")
+    call check(limit_word(limit), "stability", "has its name")
+    call next_step(options, 0.5_wp, 10.0_wp, 0.0_wp, 0.0_wp, 0.01_wp, 0.004_wp, far, dt, free, limit)
+    call check(limit_word(limit), "growth", "growth after it")
+    call next_step(options, 0.5_wp, 10.0_wp, 0.0_wp, 0.0_wp, huge(1.0_wp), 0.0_wp, far, dt, free, limit)
+    call check(limit_word(limit), "courant", "nothing limits a state without a critical step")
+  end subroutine test_critical
 
   subroutine test_prescribed()
     type(time_options_t) :: options
