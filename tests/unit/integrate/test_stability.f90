@@ -288,7 +288,7 @@ contains
       if (k == 2) cloud%x(1, :) = modulo(cloud%x(1, :) + 6, 12.0_wp)
       if (k > 2) cloud%x(1, :) = cloud%x(1, :) - 4.117_wp
       s = stepper_t()
-      call make_engine(2, basis_ugimp, [12, 12, 1], spacing, cloud, s%engine)
+      call make_engine(2, basis_ugimp, [12, 12, 1], spacing, cloud, s%engine, uniform=.true.)
       if (k == 2) s%walls%side(:, 1)%condition = side_periodic
       if (k == 3) s%walls%side(1, 1)%condition = side_stick
       if (k == 4) s%walls%side(1, 1)%condition = side_symmetry
@@ -325,7 +325,7 @@ contains
         seed = 5
         call random_cloud(2, 400, [2.1_wp, 2.1_wp, 0.0_wp], [28.0_wp, 28.0_wp, 0.0_wp], 0.1_wp, 0.6_wp, seed, cloud)
         s = stepper_t()
-        call make_engine(2, basis_ugimp, [32, 32, 1], spacing, cloud, s%engine)
+        call make_engine(2, basis_ugimp, [32, 32, 1], spacing, cloud, s%engine, uniform=.true.)
         s%time_options%check = which
         s%time_options%step = 1.0e-3_wp
         s%time_options%rule = rule_fixed
