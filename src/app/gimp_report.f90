@@ -11,8 +11,9 @@ module gimp_report
   use gimp_verification, only: error_scale, error_scale_text, solution_name
   use gimp_measures, only: state_hash
   use gimp_books, only: energy_residual, energy_drift, momentum_residual
-  use gimp_stepper, only: stepper_t, phase_grid, phase_particles, phase_sort
-  use gimp_step_size, only: limit_word, rule_adaptive
+  use gimp_stepper, only: stepper_t, stepper_bytes, phase_grid, phase_particles, phase_sort, phase_checks
+  use gimp_step_size, only: limit_word, rule_adaptive, n_limits
+  use gimp_stability, only: check_none, check_word
   use gimp_recorder, only: recorder_t
   use, intrinsic :: iso_fortran_env, only: output_unit, compiler_version
   use, intrinsic :: iso_c_binding, only: c_int
@@ -37,7 +38,7 @@ module gimp_report
   type, public :: costs_t
     real(dp) :: stepping = 0.0_dp, output = 0.0_dp, setup = 0.0_dp !! [s]
     real(wp) :: dt_min = huge(1.0_wp), dt_max = 0.0_wp !! [s]
-    integer(i8) :: limited(6) = 0 !! steps by limit
+    integer(i8) :: limited(n_limits) = 0 !! steps by limit
     integer :: threads = 1
   end type costs_t
 
@@ -90,8 +91,9 @@ contains
       if (s%engine%particles%fields(k)%reason /= "") call line("             "//field_words(s%engine%particles%fields(k)) &
         //" ("//trim(s%engine%particles%fields(k)%reason)//")")
     end do
-    call line("  memory     "//short_number(real(engine_bytes(s%engine), wp))//"B, " &
-              //text_of(int(engine_bytes(s%engine)/max(1_i8, s%engine%particles%n)))//" bytes a particle with grid and sort")
+    call line("  memory     "//short_number(real(stepper_bytes(s), wp))//"B, " &
+              //text_of(int(stepper_bytes(s)/max(1_i8, s%engine%particles%n)))//" bytes a particle with grid and sort" &
+              //saved_words())
     call line("  time       "//text_of(s%time_options%end)//" s in about "//with_thousands(ceiling(estimated_steps(s), i8)) &
               //" steps of "//text_of(real(s%time_options%end/max(1.0_dp, estimated_steps(s)), wp), 3)//" s")
 
@@ -124,6 +126,14 @@ contains
       character(len=:), allocatable :: words
       words = trim(field%name)//" "//text_of(field%components*(storage_size(1.0_wp)/8))//" B"
     end function field_words
+
+    !> What redoing steps costs
+    function saved_words() result(words)
+      character(len=:), allocatable :: words
+      words = ""
+      if (s%time_options%redo) words = "; "//short_number(real(stepper_bytes(s) - engine_bytes(s%engine), wp)) &
+                                       //"B of it the state that steps are redone from"
+    end function saved_words
 
     function transfer_words() result(words)
       character(len=:), allocatable :: words
@@ -208,6 +218,11 @@ contains
     call line("  status             "//status//" at t = "//text_of(s%time)//" s after "//with_thousands(s%step)//" steps")
     if (s%step > 0) call line("  step               "//text_of(costs%dt_min, 3)//" to "//text_of(costs%dt_max, 3)//" s" &
                               //"; set by "//limits(3:))
+    if (s%time_options%check /= check_none .and. s%step > 0) &
+      call line("  critical step      "//text_of(s%least_critical, 3)//" s at least; steps up to "//text_of(s%critical_share, 3) &
+                //" of it ("//check_word(s%time_options%check)//", every "//plural(s%time_options%check_every, "step", "steps")//")")
+    if (s%time_options%redo) call line("  redone             "//plural(int(s%redone_steps), "step", "steps")//" with " &
+                                       //plural(int(s%halvings), "halving", "halvings"))
     call line("  speed              "//short_number(real(rate, wp))//"particle-steps/s on " &
               //plural(costs%threads, "thread", "threads")//", " &
               //text_of(real(1.0e9_dp*costs%threads/max(rate, 1.0e-9_dp), wp), 3)//" ns of a core each")
@@ -281,12 +296,19 @@ contains
     call number("seconds_grid", s%seconds(phase_grid))
     call number("seconds_particles", s%seconds(phase_particles))
     call number("seconds_sort", s%seconds(phase_sort))
+    call number("seconds_checks", s%seconds(phase_checks))
     call number("particle_steps_per_second", rate)
     call number("particle_steps_per_core_second", rate/costs%threads)
-    call number("bytes_per_particle", real(engine_bytes(s%engine), dp)/max(1_i8, s%engine%particles%n))
+    call number("bytes_per_particle", real(stepper_bytes(s), dp)/max(1_i8, s%engine%particles%n))
     call number("state_bytes_per_particle", real(live_bytes(s%engine%particles), dp))
     call number("dt_min", real(min(costs%dt_min, costs%dt_max), dp))
     call number("dt_max", real(costs%dt_max, dp))
+    if (s%time_options%check /= check_none) then
+      call number("critical_step_min", real(s%least_critical, dp))
+      call number("critical_share_max", real(s%critical_share, dp))
+    end if
+    call whole("redone_steps", s%redone_steps)
+    call whole("halvings", s%halvings)
     call number("energy_residual", energy_residual(s%books))
     call number("energy_drift", energy_drift(s%books))
     call number("momentum_residual", momentum_residual(s%books, recorder%totals%momentum))

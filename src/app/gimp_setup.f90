@@ -15,6 +15,7 @@ module gimp_setup
   use gimp_loads, only: loads_t, load_traction, load_pressure, load_point, most_face_loads
   use gimp_stepper, only: stepper_t, scheme_of_word, damping_none, damping_local, damping_kinetic
   use gimp_step_size, only: rule_adaptive, rule_uniform, rule_fixed
+  use gimp_stability, only: check_of_word
   use gimp_solution_force, only: solution_force_t
   use gimp_scene, only: scene_t, count_groups, is_given, real_of, reals_of, integer_of, logical_of, word_of, text_of_key, complain
   use omp_lib, only: omp_get_max_threads, omp_set_num_threads
@@ -318,6 +319,10 @@ contains
       t%growth = real_of(scene, "time", 1, "growth")
       t%smallest = real_of(scene, "time", 1, "smallest_step")
       t%max_steps = integer_of(scene, "time", 1, "max_steps")
+      t%check = check_of_word(word_of(scene, "time", 1, "stability_check"))
+      t%check_every = integer_of(scene, "time", 1, "stability_every")
+      t%most_of_critical = real_of(scene, "time", 1, "stability_limit")
+      t%redo = logical_of(scene, "time", 1, "redo_unstable_steps")
       c = 0.0_wp
       do m = 1, size(s%engine%laws)
         c = max(c, s%engine%laws(m)%law%initial_speed())

@@ -5,8 +5,9 @@ module gimp_measures
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_hash_table, only: mix_bits
   use gimp_particles, only: particles_t, group_t
-  use gimp_material, only: most_states, load_history
+  use gimp_material, only: most_states
   use gimp_engine, only: engine_t
+  use gimp_chunk_state, only: chunk_deformation, chunk_history
   use gimp_basis, only: basis_cpgimp, list_inertia
   use gimp_verification, only: verification_t, exact_motion, exact_stress
   implicit none(type, external)
@@ -32,33 +33,6 @@ module gimp_measures
   end type errors_t
 
 contains
-
-  !> Full deformation gradient of a chunk
-  pure subroutine chunk_deformation(particles, c, f)
-    type(particles_t), intent(in) :: particles
-    integer, intent(in) :: c
-    real(wp), intent(out) :: f(lanes, 9)
-    integer :: i, j
-    f = 0.0_wp
-    f(:, 1) = 1.0_wp
-    f(:, 5) = 1.0_wp
-    f(:, 9) = 1.0_wp
-    do i = 1, particles%dim
-      do j = 1, particles%dim
-        f(:, 3*(i - 1) + j) = particles%p(:, particles%deformation%first + particles%dim*(i - 1) + j - 1, c)
-      end do
-    end do
-  end subroutine chunk_deformation
-
-  !> The whole history of a chunk's material
-  pure subroutine chunk_history(particles, c, history)
-    type(particles_t), intent(in) :: particles
-    integer, intent(in) :: c
-    real(wp), intent(out) :: history(lanes, most_states)
-    integer :: first
-    first = max(1, particles%state%first)
-    call load_history(particles%state%components, particles%p(:, first:first + particles%state%components - 1, c), history)
-  end subroutine chunk_history
 
   !> Positions of a chunk in metres; zero in axes beyond the dimension
   pure subroutine chunk_position(engine, group, c, x)

@@ -8,7 +8,11 @@ module gimp_books
   use gimp_kinds, only: dp, i8
   implicit none(type, external)
   private
-  public :: books_t, close_step, energy_residual, energy_drift, stress_update_error, total_energy, momentum_residual
+  public :: books_t, close_step, energy_residual, energy_drift, stress_update_error, total_energy, momentum_residual, &
+    energy_from_nothing
+
+  real(dp), parameter :: most_gain = 0.5_dp !! energy that a sound step may gain, of what there was
+  real(dp), parameter :: small_energy = 1.0e-3_dp !! of the largest energy so far: gains below half of it do not count
 
   !> Sums since the start, in joule (per metre in 2D, per square metre in 1D)
   type :: books_t
@@ -91,6 +95,19 @@ contains
     type(books_t), intent(in) :: books
     energy_drift = (total_energy(books) - books%kinetic_start - books%stored_start)/books%largest
   end function energy_drift
+
+  !> Whether a step gained energy that nobody gave. In a sound step kinetic plus stored plus dissipated energy less the work of
+  !> loads and sides stays, but for the losses of the transfers and the half step between velocities and positions, which moves
+  !> up to (omega dt)^2/2 of it. Half of what was there is no such thing.
+  pure logical function energy_from_nothing(before, stored_before, now, stored, noise)
+    type(books_t), intent(in) :: before, now !! at the start and at the end of the step
+    real(dp), intent(in) :: stored_before, stored !! elastic energy then [J]
+    real(dp), intent(in) :: noise !! round-off of the elastic energy [J]
+    real(dp) :: gain, present
+    gain = (total_energy(now) - now%stored + stored) - (total_energy(before) - before%stored + stored_before)
+    present = before%kinetic + abs(stored_before) + abs(now%loads - before%loads) + abs(now%reactions - before%reactions)
+    energy_from_nothing = .not. gain <= most_gain*max(present, small_energy*now%largest) + noise ! so that NaN is wrong
+  end function energy_from_nothing
 
   !> Work of the internal forces that the material does not know of: the error of the stress-update scheme [J]
   pure real(dp) function stress_update_error(books)

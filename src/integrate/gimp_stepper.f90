@@ -9,8 +9,8 @@ module gimp_stepper
   use gimp_accumulator, only: add_to, block_sum
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, has_images
   use gimp_images, only: note_images, fold_images, copy_images
-  use gimp_material, only: most_states, load_history
-  use gimp_engine, only: engine_t, pass_t, sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, &
+  use gimp_material, only: most_states
+  use gimp_engine, only: engine_t, pass_t, engine_bytes, sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, affine_none, &
     peak_rate, peak_speed, peak_strain, fate_fine, fate_inverted, fate_outside, fate_jumped
   use gimp_particle_pass, only: particle_pass
   use gimp_pads, only: sum_pads, add_spills
@@ -20,17 +20,21 @@ module gimp_stepper
   use gimp_nodes, only: update_nodes, node_step_t, stage_full, stage_velocity, stage_kick, stage_project, n_node_sums, &
     book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_cut, book_cut_momentum, &
     book_reaction, book_pushed, book_impulse, book_held
-  use gimp_books, only: books_t, close_step
-  use gimp_step_size, only: time_options_t, next_step
+  use gimp_books, only: books_t, close_step, energy_from_nothing
+  use gimp_step_size, only: time_options_t, next_step, limit_output, limit_redone, most_halvings
+  use gimp_chunk_state, only: chunk_deformation, chunk_history, elastic_energy_of, elastic_round_off
+  use gimp_saved_state, only: saved_state_t, clock_t, save_particles, recall_particles, saved_bytes
+  use gimp_stability, only: critical_step, check_none, strains_plain, strains_after_kick, strains_smoothed
   implicit none(type, external)
   private
-  public :: stepper_t, method_t, start_run, plan_step, take_step, usf, usl, musl, usavg
+  public :: stepper_t, method_t, start_run, plan_step, take_step, stepper_bytes, usf, usl, musl, usavg
   public :: damping_none, damping_local, damping_kinetic, scheme_of_word
-  public :: phase_grid, phase_particles, phase_sort, n_phases
+  public :: phase_grid, phase_particles, phase_sort, phase_checks, n_phases
 
   integer, parameter :: usf = 1, usl = 2, musl = 3, usavg = 4
   integer, parameter :: damping_none = 0, damping_local = 1, damping_kinetic = 2
-  integer, parameter :: phase_grid = 1, phase_particles = 2, phase_sort = 3, n_phases = 3
+  integer, parameter :: phase_grid = 1, phase_particles = 2, phase_sort = 3, n_phases = 4
+  integer, parameter :: phase_checks = 4 !! critical step, and the copy of the state for steps that may be redone
 
   !> How a step is taken
   type :: method_t
@@ -56,6 +60,9 @@ module gimp_stepper
     real(wp) :: dt = 0.0_wp !! of the last step [s]
     real(wp) :: free_dt = 0.0_wp !! the same before it was shortened to meet a time of interest
     integer :: limit = 1 !! what set dt
+    real(wp) :: critical = huge(1.0_wp), least_critical = huge(1.0_wp) !! critical step when last checked, least of all [s]
+    real(wp) :: critical_share = 0.0_wp !! largest dt/critical of the steps checked
+    integer(i8) :: redone_steps = 0, halvings = 0 !! steps that were undone, and how often in all
     real(wp) :: rate = 0.0_wp, speed = 0.0_wp, strain_rate = 0.0_wp !! peaks of the last step
     real(wp) :: kick_before = 0.0_wp !! half of the last step: leap-frog with changing steps
     real(wp) :: cutoff_mass = 0.0_wp, round_off_mass = 0.0_wp !! [kg]
@@ -67,6 +74,10 @@ module gimp_stepper
     logical, private :: sort_now = .false.
     real(dp), private :: kinetic_peak = 0.0_dp
     real(dp), private :: removed_kinetic = 0.0_dp !! left with particles in this step [J]
+    type(saved_state_t), private :: saved !! start of the step in hand, if steps may be redone
+    real(dp), private :: stored = 0.0_dp !! elastic energy now, if steps may be redone [J]
+    real(dp), private :: energy_noise = 0.0_dp !! round-off of that [J]
+    logical, private :: hopeless = .false. !! the step failed in a way that a shorter one does not cure
   end type stepper_t
 
 contains
@@ -112,7 +123,18 @@ contains
     s%books%largest = max(s%books%largest, s%books%kinetic)
     s%books%momentum_scale = max(s%books%momentum_scale, sqrt(2.0_dp*s%books%kinetic*s%books%mass))
     s%kinetic_peak = s%books%kinetic
+    if (.not. s%time_options%redo) return
+    s%stored = elastic_energy_of(s%engine)
+    s%energy_noise = elastic_round_off(s%engine)
+    call save_particles(s%engine%particles, .true., s%saved)
+    s%saved%books%sorts = s%books%sorts
   end subroutine start_run
+
+  !> Bytes in use: the engine's, and those of the state that steps may be redone from
+  pure integer(i8) function stepper_bytes(s)
+    type(stepper_t), intent(in) :: s
+    stepper_bytes = engine_bytes(s%engine) + saved_bytes(s%saved)
+  end function stepper_bytes
 
   !> Kinetic energy of the particles as they last gave to the grid, that of their affine parts included [J]
   pure real(dp) function kinetic_given(s)
@@ -140,9 +162,15 @@ contains
     real(wp), intent(in) :: until !! [s]
     type(error_t), allocatable, intent(out) :: error
     real(wp) :: last
+    logical :: checks
     last = s%free_dt
-    call next_step(s%time_options, s%engine%grid%spacing, s%rate, s%speed, s%strain_rate, last, until, s%dt, s%free_dt, s%limit)
-    if (s%dt < s%time_options%smallest .and. s%limit /= 6) then
+    checks = .false.
+    if (s%time_options%check /= check_none) checks = modulo(s%step, int(s%time_options%check_every, i8)) == 0
+    if (checks) call check_stability(s)
+    call next_step(s%time_options, s%engine%grid%spacing, s%rate, s%speed, s%strain_rate, s%critical, last, until, s%dt, &
+                   s%free_dt, s%limit)
+    if (checks) s%critical_share = max(s%critical_share, s%dt/s%critical)
+    if (s%dt < s%time_options%smallest .and. s%limit /= limit_output) then
       call raise(error, "step "//text_of(s%step + 1)//", t = "//text_of(s%time)//" s: the step has collapsed to " &
                  //text_of(s%dt)//" s, below smallest_step = "//text_of(s%time_options%smallest)//" s")
     else if (s%time + s%dt == s%time) then
@@ -151,8 +179,107 @@ contains
     end if
   end subroutine plan_step
 
-  !> Advance by s%dt
+  !> The critical step of the present state
+  subroutine check_stability(s)
+    type(stepper_t), intent(inout) :: s
+    real(wp) :: factor
+    real(dp) :: start
+    integer :: strains
+    start = seconds_now()
+    factor = 1.0_wp
+    if (s%method%scheme == usl) then
+      strains = strains_after_kick
+    else if (s%engine%affine /= affine_none) then
+      strains = strains_plain
+    else
+      strains = strains_smoothed
+      factor = 2.0_wp/(1.0_wp + s%method%flip)
+    end if
+    call critical_step(s%engine, s%walls, s%held, s%cutoff_mass, s%time_options%check, strains, factor, s%critical)
+    s%least_critical = min(s%least_critical, s%critical)
+    s%seconds(phase_checks) = s%seconds(phase_checks) + seconds_now() - start
+  end subroutine check_stability
+
+  !> Advance by s%dt; a step that goes wrong is undone and taken again at half the length, if the scene asks for it
   subroutine take_step(s, error)
+    type(stepper_t), intent(inout) :: s
+    type(error_t), allocatable, intent(out) :: error
+    real(wp) :: dt
+    integer :: k
+    if (.not. s%time_options%redo) then
+      call advance(s, error)
+      return
+    end if
+    call save_state(s)
+    do k = 0, most_halvings
+      s%hopeless = .false.
+      call advance(s, error)
+      if (.not. went_wrong(s, allocated(error))) return
+      if (k == most_halvings) exit
+      dt = 0.5_wp*s%dt
+      call recall_state(s, error)
+      if (allocated(error)) return
+      s%dt = dt
+      s%free_dt = dt
+      s%limit = limit_redone
+      s%halvings = s%halvings + 1
+      if (k == 0) s%redone_steps = s%redone_steps + 1
+    end do
+    if (allocated(error)) error%message = error%message//"; the step had been halved "//text_of(most_halvings)//" times"
+  end subroutine take_step
+
+  !> Keep the state at the start of a step
+  subroutine save_state(s)
+    type(stepper_t), intent(inout) :: s
+    real(dp) :: start
+    start = seconds_now()
+    call save_particles(s%engine%particles, s%books%sorts /= s%saved%books%sorts, s%saved)
+    s%saved%books = s%books
+    s%saved%clock = clock_t(time=s%time, step=s%step, particle_steps=s%particle_steps, dt=s%dt, free_dt=s%free_dt, &
+                            kick_before=s%kick_before, rate=s%rate, speed=s%speed, strain_rate=s%strain_rate, &
+                            sort_now=s%sort_now, kinetic_peak=s%kinetic_peak, stored=s%stored)
+    s%seconds(phase_checks) = s%seconds(phase_checks) + seconds_now() - start
+  end subroutine save_state
+
+  !> Back to the start of the step: particles and blocks, then pads as they were, then clock and books
+  subroutine recall_state(s, error)
+    type(stepper_t), intent(inout) :: s
+    type(error_t), allocatable, intent(out) :: error
+    logical :: sorted
+    sorted = s%books%sorts /= s%saved%books%sorts
+    call recall_particles(s%saved, sorted, s%engine)
+    if (sorted) call find_held(s)
+    associate (clock => s%saved%clock)
+      call run_pass(s, give_pass(s, clock%time), error)
+      s%time = clock%time
+      s%step = clock%step
+      s%particle_steps = clock%particle_steps
+      s%kick_before = clock%kick_before
+      s%rate = clock%rate
+      s%speed = clock%speed
+      s%strain_rate = clock%strain_rate
+      s%sort_now = clock%sort_now
+      s%kinetic_peak = clock%kinetic_peak
+      s%stored = clock%stored
+    end associate
+    s%books = s%saved%books ! the pass has booked what it counts once more
+  end subroutine recall_state
+
+  !> Whether the step just taken is to be redone: a particle failed, or energy came out of nothing
+  logical function went_wrong(s, failed)
+    type(stepper_t), intent(inout) :: s
+    logical, intent(in) :: failed
+    real(dp) :: start
+    went_wrong = failed .and. .not. s%hopeless
+    if (failed) return
+    start = seconds_now()
+    s%stored = elastic_energy_of(s%engine)
+    went_wrong = energy_from_nothing(s%saved%books, s%saved%clock%stored, s%books, s%stored, s%energy_noise)
+    s%seconds(phase_checks) = s%seconds(phase_checks) + seconds_now() - start
+  end function went_wrong
+
+  !> One attempt at a step
+  subroutine advance(s, error)
     type(stepper_t), intent(inout) :: s
     type(error_t), allocatable, intent(out) :: error
     type(pass_t) :: first, second, last
@@ -210,7 +337,7 @@ contains
     s%kick_before = 0.5_wp*s%dt
     s%particle_steps = s%particle_steps + s%engine%particles%n
     if (s%method%damping == damping_kinetic) call relax(s, kinetic, error)
-  end subroutine take_step
+  end subroutine advance
 
   !> The pass that brings particles to the grid for the next step
   pure type(pass_t) function give_pass(s, time)
@@ -264,6 +391,8 @@ contains
       if (any(engine%fate(1, :) /= fate_fine)) then
         b = findloc(engine%fate(1, :) /= fate_fine, .true., dim=1)
         call tell_fate(s, b, error)
+        if (s%time_options%redo .and. all(engine%fate(1, :) == fate_fine .or. engine%fate(1, :) == fate_outside)) &
+          s%hopeless = walked_out(s)
         return
       end if
       if (pass%force) s%rate = sqrt(maxval(engine%peaks(peak_rate, :)))
@@ -311,18 +440,30 @@ contains
     type(stepper_t), intent(inout) :: s
     logical, intent(in), optional :: leaving(:, :)
     real(dp) :: start
-    integer :: slot
     start = seconds_now()
     call sort_particles(s%engine, leaving)
+    call find_held(s)
+    s%sort_now = .false.
+    s%books%sorts = s%books%sorts + 1
+    s%seconds(phase_sort) = s%seconds(phase_sort) + seconds_now() - start
+  end subroutine resort
+
+  !> Slots with nodes that a side holds
+  subroutine find_held(s)
+    type(stepper_t), intent(inout) :: s
+    integer :: slot
     if (allocated(s%held)) deallocate (s%held)
     allocate (s%held(s%engine%table%slots))
     do slot = 1, s%engine%table%slots
       s%held(slot) = walls_near(s%walls, s%engine%grid, s%engine%table%slot_at(:, slot))
     end do
-    s%sort_now = .false.
-    s%books%sorts = s%books%sorts + 1
-    s%seconds(phase_sort) = s%seconds(phase_sort) + seconds_now() - start
-  end subroutine resort
+  end subroutine find_held
+
+  !> Whether the particles that left the grid did so at less than a cell per step: then they go there with any step
+  pure logical function walked_out(s)
+    type(stepper_t), intent(in) :: s
+    walked_out = s%dt*sqrt(maxval(s%engine%peaks(peak_speed, :))) < s%engine%grid%spacing
+  end function walked_out
 
   !> Particles beyond a free side that takes material out; not allocated when there are none
   subroutine mark_leaving(s, leaving)
@@ -357,18 +498,12 @@ contains
       integer, intent(in) :: material, chunk, lane
       real(wp) :: f(lanes, 9), energy(lanes), history(lanes, most_states)
       real(dp) :: moving
-      integer :: i, j, d, v
+      integer :: d, v
       d = s%engine%grid%dim
-      f = 0.0_wp
-      f(:, 1:9:4) = 1.0_wp
-      do i = 1, d
-        do j = 1, d
-          f(:, 3*(i - 1) + j) = s%engine%particles%p(:, s%engine%particles%deformation%first + d*(i - 1) + j - 1, chunk)
-        end do
-      end do
+      call chunk_deformation(s%engine%particles, chunk, f)
+      call chunk_history(s%engine%particles, chunk, history)
       v = s%engine%particles%velocity%first
       associate (p => s%engine%particles%p, particles => s%engine%particles)
-        call load_history(particles%state%components, p(1, max(1, particles%state%first), chunk), history)
         call s%engine%laws(material)%law%stored_energy(f, history, energy)
         moving = 0.5_dp*p(lane, particles%mass%first, chunk)*sum(p(lane, v:v + d - 1, chunk)**2)
         s%books%removed = s%books%removed + moving + p(lane, particles%volume%first, chunk)*energy(lane)

@@ -158,15 +158,25 @@ contains
     end do
   end subroutine return_strain
 
-  !> The stress of the last return, and the bound of the elastic wave speed
+  !> The stress of the last return, and the bound of the wave speed. Where the flow is not associated a wave that loads can be
+  !> faster than every elastic one (Loret, Prevost & Harireche 1990): the tangent is the elastic one less a (x) b/(mu + K eta etabar),
+  !> a and b the normal components of C times flow direction and of C times gradient of f; -a.b <= |a - b|^2/4
+  !> = (K (eta - etabar))^2/4.
   pure subroutine kirchhoff(self, f, state, tau, speed2)
     class(drucker_prager_t), intent(in) :: self
     real(wp), intent(in) :: f(lanes, 9)
     real(wp), intent(in) :: state(lanes, *)
     real(wp), intent(out) :: tau(lanes, 6)
     real(wp), intent(out) :: speed2(lanes)
+    real(wp) :: bulk, faster
+    integer :: k
     call kirchhoff_of_strain(self%lambda, self%mu, state(1, at_strain), tau)
     call wave_bound(self%lambda, self%mu, self%density, tau, speed2)
+    bulk = self%lambda + 2.0_wp*self%mu/3.0_wp
+    faster = 0.25_wp*(bulk*(self%eta - self%eta_bar))**2/((self%mu + bulk*self%eta*self%eta_bar)*self%density)
+    do k = 1, lanes
+      if (state(k, at_plastic_strain) > 0.0_wp) speed2(k) = speed2(k) + faster
+    end do
   end subroutine kirchhoff
 
   !> The elastic part

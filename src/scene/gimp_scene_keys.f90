@@ -331,6 +331,16 @@ contains
              when="step_rule=adaptive")
     call add(t, n, g, "smallest_step", kind_real, "the run fails when the step falls below it", unit="s", range="[0,)", &
              default="0", when="step_rule=adaptive")
+    call add(t, n, g, "stability_check", kind_word, "critical step of the present state, light nodes included, for the "// &
+             "closing table; gershgorin: rigorous and cheap, lanczos: within a per cent", words="none gershgorin lanczos", &
+             default="none")
+    call add(t, n, g, "stability_every", kind_integer, "steps between checks", range="[1,)", default="100", &
+             when="stability_check=gershgorin|lanczos")
+    call add(t, n, g, "stability_limit", kind_real, "share of the critical step that a step may take; 0: it is reported only", &
+             range="[0,1]", default="0", when="stability_check=gershgorin|lanczos step_rule=adaptive")
+    call add(t, n, g, "redo_unstable_steps", kind_logical, "a step that inverts or loses a particle, or gains energy from "// &
+             "nothing, is undone and taken again at half the length; needs a copy of the state", default=".false.", &
+             when="step_rule=adaptive")
   end subroutine time_keys
 
   pure subroutine output_keys(t, n)

@@ -1,4 +1,6 @@
 gimp_add_unit_test(integrate test_step_size)
 gimp_add_unit_test(integrate test_nodes)
+gimp_add_unit_test(integrate test_redo USES engine_fixture)
+gimp_add_unit_test(integrate test_stability USES engine_fixture)
 gimp_add_unit_test(integrate test_stepper USES engine_fixture)
 gimp_add_unit_test(integrate test_books USES engine_fixture)

@@ -1,0 +1,118 @@
+!> The state of a run at the start of a step, kept so that the step can be undone: what particles are, the clock and the books.
+!>
+!> Blocks, images, pads and nodal values are not kept: blocks follow from the groups of the particles, the rest from one
+!> transfer to the grid.
+module gimp_saved_state
+  use gimp_kinds, only: wp, dp, i8, lanes
+  use gimp_storage, only: storage_t, reserve_storage
+  use gimp_blocks, only: build_blocks
+  use gimp_images, only: images_wanted, build_images
+  use gimp_particles, only: particles_t, group_t, allot_chunks, swap_chunks
+  use gimp_engine, only: engine_t, allot_grid
+  use gimp_books, only: books_t
+  use, intrinsic :: iso_c_binding, only: c_f_pointer
+  implicit none(type, external)
+  private
+  public :: saved_state_t, clock_t, save_particles, recall_particles, saved_bytes
+
+  !> What a stepper remembers from step to step beside particles and books
+  type :: clock_t
+    real(wp) :: time = 0.0_wp !! of positions [s]
+    integer(i8) :: step = 0
+    integer(i8) :: particle_steps = 0
+    real(wp) :: dt = 0.0_wp, free_dt = 0.0_wp !! last step, and the same before it was shortened for output [s]
+    real(wp) :: kick_before = 0.0_wp !! [s]
+    real(wp) :: rate = 0.0_wp, speed = 0.0_wp, strain_rate = 0.0_wp !! peaks of the last step [m/s], [m/s], [1/s]
+    logical :: sort_now = .false.
+    real(dp) :: kinetic_peak = 0.0_dp !! [J]
+    real(dp) :: stored = 0.0_dp !! elastic energy [J]
+  end type clock_t
+
+  !> One state
+  type :: saved_state_t
+    type(clock_t) :: clock
+    type(books_t) :: books
+    integer(i8), private :: n = 0
+    integer, private :: chunks = 0
+    type(group_t), allocatable :: groups(:)
+    integer, allocatable, private :: block_group(:)
+    real(wp), pointer, contiguous :: p(:, :, :) => null() !! (lane, component, chunk)
+    integer(i8), pointer, contiguous :: id(:, :) => null() !! (lane, chunk)
+    type(storage_t), private :: store, id_store
+  end type saved_state_t
+
+contains
+
+  !> Bytes that a saved state takes
+  pure integer(i8) function saved_bytes(saved)
+    type(saved_state_t), intent(in) :: saved
+    saved_bytes = 0
+    if (associated(saved%p)) saved_bytes = (size(saved%p, kind=i8) + size(saved%id, kind=i8))*(storage_size(1.0_wp)/8)
+  end function saved_bytes
+
+  !> Copy the particles; groups only where a sort has changed them
+  subroutine save_particles(particles, sorted, saved)
+    type(particles_t), intent(in) :: particles
+    logical, intent(in) :: sorted !! since they were saved last
+    type(saved_state_t), intent(inout) :: saved
+    logical :: moved
+    if (sorted .or. .not. associated(saved%p)) then
+      saved%n = particles%n
+      saved%chunks = particles%chunks
+      saved%groups = particles%groups
+      saved%block_group = particles%block_group
+      call reserve_storage(saved%store, int(lanes, i8)*particles%components*max(1, particles%chunks), moved)
+      call c_f_pointer(saved%store%address, saved%p, [lanes, particles%components, particles%chunks])
+      call reserve_storage(saved%id_store, int(lanes, i8)*max(1, particles%chunks)*(storage_size(1_i8)/storage_size(1.0_wp)), &
+                           moved)
+      call c_f_pointer(saved%id_store%address, saved%id, [lanes, particles%chunks])
+      saved%id = particles%id
+    end if
+    call copy_chunks(particles%components, particles%chunks, particles%p, saved%p)
+  end subroutine save_particles
+
+  !> Bring the saved particles back, in their order; pads and nodes have to be filled anew
+  subroutine recall_particles(saved, sorted, engine)
+    type(saved_state_t), intent(in) :: saved
+    logical, intent(in) :: sorted !! since they were saved
+    type(engine_t), intent(inout) :: engine
+    if (sorted) then
+      call allot_chunks(engine%particles, saved%chunks)
+      call swap_chunks(engine%particles)
+      engine%particles%id = saved%id
+      engine%particles%n = saved%n
+      engine%particles%groups = saved%groups
+      engine%particles%block_group = saved%block_group
+    end if
+    call copy_chunks(engine%particles%components, saved%chunks, saved%p, engine%particles%p)
+    if (sorted) call rebuild_blocks(engine)
+  end subroutine recall_particles
+
+  subroutine copy_chunks(components, chunks, from, to)
+    integer, intent(in) :: components, chunks
+    real(wp), intent(in) :: from(lanes, components, chunks)
+    real(wp), intent(inout) :: to(lanes, components, chunks)
+    integer :: c
+    !$omp parallel do schedule(static)
+    do c = 1, chunks
+      to(:, :, c) = from(:, :, c)
+    end do
+    !$omp end parallel do
+  end subroutine copy_chunks
+
+  !> The tables of active blocks as the sort made them, from the blocks that the groups name
+  subroutine rebuild_blocks(engine)
+    type(engine_t), intent(inout) :: engine
+    integer, allocatable :: at(:, :), extra(:, :)
+    integer :: b
+    allocate (at(3, size(engine%particles%block_group) - 1))
+    do b = 1, size(at, 2)
+      at(:, b) = engine%particles%groups(engine%particles%block_group(b))%at
+    end do
+    call images_wanted(engine%grid, at, extra)
+    call build_blocks(engine%table, engine%grid, at, extra)
+    call build_images(engine%grid, engine%table, engine%images)
+    call allot_grid(engine)
+  end subroutine rebuild_blocks
+
+end module gimp_saved_state
