@@ -66,10 +66,10 @@ def main_table(lines):
     rows = []
     for line in lines:
         below = " **below**" if line["floor"] and line["ratio"] < line["floor"] else ""
-        below += " starved" if line["busy"] < BUSY and line["threads"] == 1 else ""
+        below += " starved" if line.get("busy", 1.0) < BUSY and line["threads"] == 1 else ""
         rows.append((line["case"], line["basis"], line["transfer"], number(line["particles"]), f"{line['ns_per_particle_step']:.0f}",
                      f"{line['reference_ns']:.0f}", spread(line["ratio"], line["ratio_spread"]) + below,
-                     shown(line["energy_difference"], "{:.0e}", "other method"),
+                     shown(line["energy_difference"], "{:.0e}", "other scene" if line["case"] == "mixed3d" else "other method"),
                      " / ".join(percent(line["shares"].get(phase)) for phase in PHASES),
                      f"{percent(line.get('memory_share')) or '?'} / {percent(line.get('flop_share')) or 'not counted'}",
                      f"{shown(line['bytes_per_particle'], '{:.0f}', '?')} / {shown(line['state_bytes_per_particle'], '{:.0f}', '?')}"))
@@ -250,7 +250,7 @@ def bars(row, lines, label):
         row[1].barh(names, width, left=left, label=phase)
         left = [a + b for a, b in zip(left, width)]
     size = number(lines[0]["particles"])
-    row[1].set(xlabel="share of the time [%]", title=f"phases, {size} particles", xlim=(0, 130))
+    row[1].set(xlabel="share of the time [%]", title=f"phases, {size} particles", xlim=(0, 145))
     row[1].legend(fontsize=7, loc="center right")
     places = range(len(lines))
     row[2].barh([p + 0.2 for p in places], [100*(line["memory_share"] or 0) for line in lines], 0.4, label="memory: state read and written once")

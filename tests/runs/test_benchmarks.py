@@ -85,8 +85,10 @@ def test_plan_holds_each_measurement_once_and_the_important_first():
     assert {m.case for m in plan} == set(cases.SCENES) and {m.particles for m in plan} == set(cases.SIZES)
     assert [m.basis for m in plan if m.transfer == "mls"].count("bspline2") == sum(m.transfer == "mls" for m in plan)
     assert {(m.basis, m.transfer) for m in plan if m.case == "mixed3d"} == {("ugimp", "flip")}
-    quarter = len(plan)//4
-    assert all(m.bits == 64 and m.threads == 1 for m in plan[:quarter]) and all(m.bits == 32 for m in plan[2*quarter:])
+    small = [m for m in plan if m.particles < cases.LARGE]
+    assert plan[:len(small)] == small
+    for part in (small, plan[len(small):]):
+        assert [(m.bits, m.threads) for m in part[::len(part)//4]] == [(64, 1), (64, 2), (32, 1), (32, 2)]
 
 
 def test_reference_of_a_measurement():
@@ -127,7 +129,7 @@ def test_document_holds_every_kind_of_table():
     lines = [made_up(particles=n) for n in (32768, 262144)] + [made_up(threads=2), made_up(bits=32), made_up(basis="cpgimp", ratio=0.5), made_up(basis="linear", busy=0.4),
              made_up("mixed3d", ratio=0.6, energy_difference=None)]
     text = reporting.document(lines, ROOFLINE, TOLD, ["cube3d bspline2: planned"])
-    for words in ("One thread", "By size", "Threads", "Single precision", "Memory", "The machine", "Not measured", "80-230", "other method", "Noise", "starved"):
+    for words in ("One thread", "By size", "Threads", "Single precision", "Memory", "The machine", "Not measured", "80-230", "other scene", "Noise", "starved"):
         assert words in text, words
     assert text.count("**below**") == 1
     for block in text.split("\n\n"):
