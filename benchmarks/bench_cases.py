@@ -94,6 +94,8 @@ def block_scene(text, side, basis, steps, sort_every, transfer="flip"):
         text = namelist.set_key(text, path, value)
     if basis == "cpgimp":
         text = namelist.set_key(text, "method.domain", "diagonal")  # the reference takes half lengths from F_kk
+    if basis == "bspline2":
+        text = namelist.set_key(text, "method.spline_boundary", "ghost")  # and equal splines everywhere
     return text
 
 

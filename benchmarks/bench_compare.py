@@ -1,5 +1,7 @@
 """The same scenes with two builds: how far results are apart, which is round-off and no more."""
+import os
 import tempfile
+from pathlib import Path
 
 import bench_cases as cases
 import bench_machine as machine
@@ -36,7 +38,7 @@ def compare(m, builds, steps, threads=1):
     text = namelist.set_key(text, "output.precision", "double")
     with tempfile.TemporaryDirectory() as folder:
         for program in builds:
-            admit(program, text, cases.count_of(side, m.dimension), folder)
+            text = admit(program, text, cases.count_of(side, m.dimension), folder)
         one, other = (final_state(text, program, folder, threads) for program in builds)
     return {"case": m.case, "basis": m.basis, "transfer": m.transfer, "steps": steps, "energy": abs(one[0] - other[0])/abs(one[0]),
             "position": largest(one[1], other[1]), "velocity": largest(one[2], other[2]), "same_hash": one[3] == other[3]}
@@ -51,9 +53,9 @@ def compare_builds(folders, measurements, steps):
     """Compare all settings; lines with the differences, and the settings that were left out"""
     programs = []
     for folder in folders:
-        program = folder if folder.endswith(".x") else machine.find_program(folder)
-        if not program:
-            raise gf.GimpError(f"no gimp.x in {folder}")
+        program = str(Path(folder).resolve()) if folder.endswith(".x") else machine.find_program(folder)
+        if not program or not os.access(program, os.X_OK):
+            raise gf.GimpError(f"{folder}: no such program, or no gimp.x in it")
         programs.append(program)
     lines, skipped = [], []
     for m in measurements:

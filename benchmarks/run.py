@@ -22,6 +22,7 @@ product time, both of the time steps only, sorts included. How far the two resul
 import argparse
 import json
 import os
+import subprocess
 import sys
 import tempfile
 import time
@@ -122,12 +123,17 @@ def table_line(line):
             f"{line['reference_ns']:9.2f} {line['ratio']:6.3f} {low:6.3f}-{high:5.3f} {memory} {differs}")
 
 
+def build_and_program(folder):
+    """Compiler and flags of a build folder, and its gimp.x"""
+    build, program = product_build(folder), find_program(folder)
+    if not program:
+        raise gf.GimpError(f"{Path(folder).resolve() / 'bin' / 'gimp.x'} is not there: build the program first, or name it in GIMP_X")
+    return build, program
+
+
 def run_one(arguments):
     """One case beside its reference, optionally the same with all defaults"""
-    build = product_build(arguments.build)
-    program = find_program(arguments.build)
-    if not program:
-        raise gf.GimpError(f"{Path(arguments.build).resolve() / 'bin' / 'gimp.x'} is not there: build the program first, or name it in GIMP_X")
+    build, program = build_and_program(arguments.build)
     m = Measurement(arguments.case, arguments.basis, arguments.transfer, 64, arguments.threads[0], arguments.particles)
     pairs, steps = arguments.pairs or 5, arguments.steps or 40
     prefix, environment = pinning(m.threads, arguments.cpus)
@@ -183,12 +189,12 @@ def run_all(arguments):
     """All standard cases: tables, plot and lines in the results folder"""
     from bench_report import grouped, publish, write_all
 
-    build = product_build(arguments.build)
+    build, program = build_and_program(arguments.build)
     told = machine(build)
     results = Results(arguments.results, arguments.resume or not arguments.all)
     skipped, interrupted = [], False
     if arguments.all:
-        commit = {"commit": commit_of(arguments.build)} if arguments.resume else {}
+        commit = {"commit": commit_of(program)} if arguments.resume else {}
         gone = results.keep_only(compiler=build["compiler"], flags=reference_flags(build), **commit)
         if gone:
             gf.say(f"{gone} measurements of another build are left out")
@@ -208,12 +214,10 @@ def run_all(arguments):
     return 1 if any(reason.startswith(FAILED) for _, reason in skipped) else 0
 
 
-def commit_of(build_folder):
-    """What gimp.x of a build folder names as its commit"""
-    import subprocess
-    program = find_program(build_folder)
-    said = subprocess.run([program, "--version"], text=True, capture_output=True).stdout if program else ""
-    return said.partition("(")[2].partition(",")[0] or None
+def commit_of(program):
+    """What gimp.x names as its commit"""
+    said = subprocess.run([program, "--version"], text=True, capture_output=True).stdout
+    return said.partition("(")[2].partition(",")[0]
 
 
 def measure_all(arguments, build, results):
