@@ -19,7 +19,6 @@ build() {
   built=$((built + 1))
 }
 
-build roofline roofline.f90 -mprefer-vector-width=512 -ffp-contract=fast
 for dim in 3d 2d; do
   for bits in 64 32; do
     real=; [ $bits = 32 ] && real=-DSP

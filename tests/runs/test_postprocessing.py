@@ -682,7 +682,7 @@ def test_cube_scene_is_the_block_of_the_reference():
     assert names["time"]["step"][0] == pytest.approx(benchmark.fixed_step(32), rel=1e-12)
     assert (names["material"]["density"], names["material"]["young_modulus"], names["material"]["poisson_ratio"]) == (
         [benchmark.DENSITY], [benchmark.YOUNG], [benchmark.POISSON])
-    changed = {g.name: g.values() for g in namelist.groups(benchmark.cube_scene(text, 16, "linear", 10, 5))}
+    changed = {g.name: g.values() for g in namelist.groups(benchmark.block_scene(text, 16, "linear", 10, 5))}
     assert changed["grid"]["spacing"] == [0.5/16] and changed["method"]["basis"] == ["linear"]
     assert changed["method"]["sort_every"] == [5] and changed["time"]["max_steps"] == [10]
     assert changed["time"]["end"][0] == pytest.approx(10*changed["time"]["step"][0])
