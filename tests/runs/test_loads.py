@@ -29,7 +29,7 @@ def test_tip_of_a_bar_under_a_step_traction_follows_the_triangle(run_scene, tmp_
 
 
 @pytest.mark.parametrize("d, h, end", [(2, 0.05, 4.0), (3, 0.125, 3.0)])
-@pytest.mark.parametrize("basis", ["cpgimp", "ugimp"])
+@pytest.mark.parametrize("basis", ["cpgimp", "ugimp", "bspline2", "bspline3"])
 def test_pressure_all_round_gives_that_stress(run_scene, tmp_path, d, h, end, basis):
     """In equilibrium a block under pressure on all faces carries -p in every direction that is free (plane strain holds the third).
     Mean over the middle of the block, away from the discrete edges: 1 %. (Hats miss it by 3 %: their points feel the faces of cells.)"""
