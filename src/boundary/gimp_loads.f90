@@ -5,7 +5,7 @@
 !> state at the start of a step and their work from the velocities of the same points in that step.
 module gimp_loads
   use gimp_kinds, only: wp, dp, i8, lanes
-  use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, canonical_node
+  use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, canonical_node, block_of_node
   use gimp_blocks, only: slot_of_node, node_in_block
   use gimp_engine, only: engine_t
   use gimp_splines, only: spline_t, make_spline
@@ -232,9 +232,11 @@ contains
     type(weight_list_t) :: list
     type(spline_t) :: spline
     real(wp) :: total, at(3)
-    integer :: i, target(3)
+    integer :: i, target(3), block(3), last(3), last_slot
     logical :: complete
     n = 0
+    last = huge(1) ! neighbours in the list mostly share a block: one search for all of them
+    last_slot = 0
     total = 0.0_wp
     complete = .true.
     spline = make_spline(spline_degree(engine%basis), engine%grid, [0, 0, 0])
@@ -243,7 +245,10 @@ contains
     call make_weight_list(engine%grid%dim, at, [0.0_wp, 0.0_wp, 0.0_wp], spline, list)
     do i = 1, list%n
       call canonical_node(engine%grid, list%node(:, i), target, sign(:, n + 1))
-      slot(n + 1) = slot_of_node(engine%table, engine%grid, target)
+      block = block_of_node(engine%grid, target)
+      if (any(block /= last)) last_slot = slot_of_node(engine%table, engine%grid, target)
+      last = block
+      slot(n + 1) = last_slot
       place(n + 1) = node_in_block(engine%grid, target)
       if (slot(n + 1) > 0) then
         if (masses(node_mass, place(n + 1), slot(n + 1)) > cutoff) then
