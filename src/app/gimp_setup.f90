@@ -3,7 +3,7 @@ module gimp_setup
   use gimp_kinds, only: wp, i8, lanes
   use gimp_error, only: error_t, add_error
   use gimp_grid, only: make_grid
-  use gimp_basis, only: basis_of_word, basis_linear, basis_cpgimp, basis_ugimp
+  use gimp_basis, only: basis_of_word, basis_linear, basis_cpgimp, basis_ugimp, spline_degree
   use gimp_domains, only: domain_of_word
   use gimp_material, only: material_t
   use gimp_material_options, only: material_options_t
@@ -150,6 +150,7 @@ contains
     s%engine%basis = basis_of_word(word_of(scene, "method", 1, "basis"))
     s%engine%domain_rule = 0
     if (s%engine%basis == basis_cpgimp) s%engine%domain_rule = domain_of_word(word_of(scene, "method", 1, "domain"))
+    if (spline_degree(s%engine%basis) > 0) call set_up_spline(scene, s, error)
     s%engine%list_kernel = word_of(scene, "method", 1, "kernel") == "list"
     select case (word_of(scene, "method", 1, "deformation_update"))
     case ("forward"); s%engine%f_update = 2
@@ -178,6 +179,22 @@ contains
     if (s%engine%basis == basis_ugimp .and. is_given(scene, "method", 1, "domain")) &
       call complain(error, scene, "method", 1, "domain", "is read with basis = 'cpgimp' only")
   end subroutine set_up_method
+
+  !> Where the knots of a spline end; open knots have no nodes beyond a side that images could stand for
+  subroutine set_up_spline(scene, s, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    type(error_t), allocatable, intent(inout) :: error
+    character(len=:), allocatable :: condition
+    integer :: b
+    if (word_of(scene, "method", 1, "spline_boundary") == "ghost") return
+    s%engine%grid%open_degree = spline_degree(s%engine%basis)
+    do b = 1, count_groups(scene, "boundary")
+      condition = word_of(scene, "boundary", b, "condition")
+      if (condition == "symmetry" .or. condition == "periodic") call complain(error, scene, "boundary", b, "condition", &
+        "cannot be had with open-knot splines; set spline_boundary = 'ghost' in &method")
+    end do
+  end subroutine set_up_spline
 
   subroutine set_up_loads(scene, loads, error)
     type(scene_t), intent(in) :: scene

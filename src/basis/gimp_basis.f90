@@ -1,17 +1,18 @@
 !> Weights of each family as a list: which nodes, with which weight S and gradient G, for one particle.
 !>
 !> These are the readable forms; the fast kernels of `transfer` are specialisations of them and are tested equal.
-!> Every list satisfies sum S = 1, sum G = 0, sum x_i S = x_p, sum x_i (x) G = I to round-off. Lengths in units of the
+!> With open-knot splines a node's position is its Greville abscissa. Every list satisfies sum S = 1, sum G = 0, sum x_i S = x_p, sum x_i (x) G = I to round-off. Lengths in units of the
 !> spacing, so G is per spacing.
 module gimp_basis
   use gimp_kinds, only: wp
+  use gimp_splines, only: spline_t, spline_weights, node_place
   implicit none(type, external)
   private
-  public :: weight_list_t, make_weight_list, take_moments, list_inertia, axis_weights, basis_of_word, basis_words, support_width
-  public :: basis_linear, basis_ugimp, basis_cpgimp, longest_half, narrow_half, most_nodes
+  public :: weight_list_t, make_weight_list, take_moments, list_inertia, axis_weights, basis_of_word, basis_words, support_width, spline_degree
+  public :: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, longest_half, narrow_half, most_nodes
 
-  integer, parameter :: basis_linear = 1, basis_ugimp = 2, basis_cpgimp = 3
-  character(len=*), parameter :: basis_words = "linear ugimp cpgimp"
+  integer, parameter :: basis_linear = 1, basis_ugimp = 2, basis_cpgimp = 3, basis_bspline2 = 4, basis_bspline3 = 5
+  character(len=*), parameter :: basis_words = "linear ugimp cpgimp bspline2 bspline3"
   real(wp), parameter :: narrow_half = 0.5_wp !! up to this half length a GIMP support has 3 nodes an axis
   real(wp), parameter :: longest_half = 2.0_wp !! domains are clamped to this half length [cells]
   real(wp), parameter :: point_half = 1.0e-6_wp !! below this the exact form cancels: take the tent
@@ -35,6 +36,8 @@ contains
     case ("linear"); basis = basis_linear
     case ("ugimp"); basis = basis_ugimp
     case ("cpgimp"); basis = basis_cpgimp
+    case ("bspline2"); basis = basis_bspline2
+    case ("bspline3"); basis = basis_bspline3
     case default; basis = 0
     end select
   end function basis_of_word
@@ -44,7 +47,16 @@ contains
     integer, intent(in) :: basis
     support_width = 3
     if (basis == basis_linear) support_width = 2
+    if (basis == basis_bspline3) support_width = 4
   end function support_width
+
+  !> Degree of a basis that is a spline, 0 for the others
+  pure integer function spline_degree(basis)
+    integer, intent(in) :: basis
+    spline_degree = 0
+    if (basis == basis_bspline2) spline_degree = 2
+    if (basis == basis_bspline3) spline_degree = 3
+  end function spline_degree
 
   !> Antiderivative of the unit tent (half width 1) with value 0 at 0
   pure real(wp) function tent_integral(x)
@@ -86,10 +98,25 @@ contains
     end do
   end subroutine axis_weights
 
+  !> Weights along axis k of any basis
+  pure subroutine weights_along(k, x, half, spline, first, n, s, g)
+    integer, intent(in) :: k
+    real(wp), intent(in) :: x, half !! [cells]
+    type(spline_t), intent(in) :: spline
+    integer, intent(out) :: first, n
+    real(wp), intent(out) :: s(most_axis), g(most_axis)
+    if (spline%degree > 0) then
+      call spline_weights(spline, k, x, first, n, s, g)
+    else
+      call axis_weights(x, half, first, n, s, g)
+    end if
+  end subroutine weights_along
+
   !> The weight list of one particle: tensor product of the axes
-  pure subroutine make_weight_list(dim, x, half, list)
+  pure subroutine make_weight_list(dim, x, half, spline, list)
     integer, intent(in) :: dim
-    real(wp), intent(in) :: x(:), half(:) !! (dim) [cells]
+    real(wp), intent(in) :: x(:), half(:) !! (dim) [cells]; splines do not read half
+    type(spline_t), intent(in) :: spline
     type(weight_list_t), intent(inout) :: list
     real(wp) :: s(most_axis, 3), g(most_axis, 3)
     integer :: first(3), n(3), i, j, k
@@ -99,7 +126,7 @@ contains
     s(1, :) = 1.0_wp
     g = 0.0_wp
     do k = 1, dim
-      call axis_weights(x(k), half(k), first(k), n(k), s(:, k), g(:, k))
+      call weights_along(k, x(k), half(k), spline, first(k), n(k), s(:, k), g(:, k))
     end do
     list%n = 0
     do k = 1, n(3)
@@ -115,30 +142,34 @@ contains
   end subroutine make_weight_list
 
   !> Turn the gradients of a list into moments S (x_i - x_p) [cells], which affine transfers use in their place
-  pure subroutine take_moments(dim, x, list)
+  pure subroutine take_moments(dim, x, spline, list)
     integer, intent(in) :: dim
     real(wp), intent(in) :: x(:) !! (dim) [cells]
+    type(spline_t), intent(in) :: spline
     type(weight_list_t), intent(inout) :: list
-    integer :: i
+    integer :: i, k
     do i = 1, list%n
-      list%g(:dim, i) = list%s(i)*(list%node(:dim, i) - x(:dim))
+      do k = 1, dim
+        list%g(k, i) = list%s(i)*(node_place(spline, k, list%node(k, i)) - x(k))
+      end do
     end do
   end subroutine take_moments
 
   !> Inertia D_kk = sum S (x_i - x_p)_k^2 [cells^2] of a particle (Jiang et al. 2015); off-diagonal terms vanish, since the
   !> weights are products that reproduce linear fields
-  pure function list_inertia(dim, x, half) result(inertia)
+  pure function list_inertia(dim, x, half, spline) result(inertia)
     integer, intent(in) :: dim
-    real(wp), intent(in) :: x(:), half(:) !! (dim) [cells]
+    real(wp), intent(in) :: x(:), half(:) !! (dim) [cells]; splines do not read half
+    type(spline_t), intent(in) :: spline
     real(wp) :: inertia(3)
     real(wp) :: s(most_axis), g(most_axis)
     integer :: first, n, k, i
     inertia = 1.0_wp
     do k = 1, dim
-      call axis_weights(x(k), half(k), first, n, s, g)
+      call weights_along(k, x(k), half(k), spline, first, n, s, g)
       inertia(k) = 0.0_wp
       do i = 1, n
-        inertia(k) = inertia(k) + s(i)*(first + i - 1 - x(k))**2
+        inertia(k) = inertia(k) + s(i)*(node_place(spline, k, first + i - 1) - x(k))**2
       end do
     end do
   end function list_inertia

@@ -1,13 +1,15 @@
 !> Loads on bodies: gravity on all, tractions and pressures on marked faces of particle domains, forces at points.
 !>
-!> A face gives its force to the nodes by the tents at its corners (algorithms of CPDI and cpGIMP, exact total force); a
-!> pressure follows the face, its area vector being J F^-T times the initial one (Nanson). The forces are found from the
+!> A face gives its force to the nodes by the tents at its corners (algorithms of CPDI and cpGIMP, exact total force), in runs with
+!> splines by the splines there; a pressure follows the face, its area vector being J F^-T times the initial one (Nanson). The forces are found from the
 !> state at the start of a step and their work from the velocities of the same points in that step.
 module gimp_loads
   use gimp_kinds, only: wp, dp, i8, lanes
-  use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, canonical_node
+  use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, canonical_node, block_of_node
   use gimp_blocks, only: slot_of_node, node_in_block
   use gimp_engine, only: engine_t
+  use gimp_splines, only: spline_t, make_spline
+  use gimp_basis, only: weight_list_t, make_weight_list, spline_degree
   use gimp_time_table, only: time_table_t, factor_at
   implicit none(type, external)
   private
@@ -16,6 +18,7 @@ module gimp_loads
 
   integer, parameter :: load_traction = 1, load_pressure = 2, load_point = 3
   integer, parameter :: most_face_loads = 7 !! face loads of a scene: six bits each in a particle's whole number
+  integer, parameter :: most = 64 !! nodes around a point
 
   !> Gravity, one of possibly several
   type :: gravity_t
@@ -198,7 +201,7 @@ contains
     loads%f(:, loads%n) = f
   end subroutine add_point
 
-  !> Add the loads to the forces of the nodes (fields 5-7), with tents at the points
+  !> Add the loads to the forces of the nodes (fields 5-7), with tents or splines at the points
   subroutine add_loads(loads, engine, slots, masses, cutoff, raw, lost)
     type(loads_t), intent(in) :: loads
     type(engine_t), intent(in) :: engine
@@ -207,8 +210,8 @@ contains
     real(wp), intent(in) :: cutoff !! nodes with less mass do not move [kg]
     real(wp), intent(inout) :: raw(nf, nodes_per_block, slots)
     integer, intent(inout) :: lost !! points without a node of mass around them, so that their force is lost
-    real(wp) :: s(8), sign(3, 8)
-    integer :: q, k, n, slot(8), place(8)
+    real(wp) :: s(most), sign(3, most)
+    integer :: q, k, n, slot(most), place(most)
     do q = 1, loads%n
       call find_nodes(engine, slots, masses, cutoff, loads%x(:, q), n, slot, place, s, sign)
       if (n == 0) lost = lost + 1
@@ -218,40 +221,44 @@ contains
     end do
   end subroutine add_loads
 
-  !> The nodes of mass around a point and their shares: tents, or where some corners of the cell have no mass (the corner of a
-  !> sheared domain may reach beyond the material) the tents of the others, scaled so that no force is lost
+  !> The nodes of mass around a point and their shares: tents (splines), or where some of the nodes have no mass (the corner of a
+  !> sheared domain may reach beyond the material) those of the others, scaled so that no force is lost
   subroutine find_nodes(engine, slots, masses, cutoff, x, n, slot, place, s, sign)
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: slots
     real(wp), intent(in) :: masses(nf, nodes_per_block, slots), cutoff, x(3)
-    integer, intent(out) :: n, slot(8), place(8)
-    real(wp), intent(out) :: s(8), sign(3, 8)
-    real(wp) :: b, share, total
-    integer :: corner, k, node(3), target(3)
+    integer, intent(out) :: n, slot(most), place(most)
+    real(wp), intent(out) :: s(most), sign(3, most)
+    type(weight_list_t) :: list
+    type(spline_t) :: spline
+    real(wp) :: total, at(3)
+    integer :: i, target(3), block(3), last(3), last_slot
     logical :: complete
     n = 0
+    last = huge(1) ! neighbours in the list mostly share a block: one search for all of them
+    last_slot = 0
     total = 0.0_wp
     complete = .true.
-    do corner = 0, 2**engine%grid%dim - 1
-      node = 0
-      share = 1.0_wp
-      do k = 1, engine%grid%dim
-        b = x(k) - floor(x(k))
-        node(k) = floor(x(k)) + merge(1, 0, btest(corner, k - 1))
-        share = share*merge(b, 1.0_wp - b, btest(corner, k - 1))
-      end do
-      call canonical_node(engine%grid, node, target, sign(:, n + 1))
-      slot(n + 1) = slot_of_node(engine%table, engine%grid, target)
+    spline = make_spline(spline_degree(engine%basis), engine%grid, [0, 0, 0])
+    at = x
+    if (spline%open) at = min(max(x, spline%low), spline%high) ! the corner of a domain may lie outside the box
+    call make_weight_list(engine%grid%dim, at, [0.0_wp, 0.0_wp, 0.0_wp], spline, list)
+    do i = 1, list%n
+      call canonical_node(engine%grid, list%node(:, i), target, sign(:, n + 1))
+      block = block_of_node(engine%grid, target)
+      if (any(block /= last)) last_slot = slot_of_node(engine%table, engine%grid, target)
+      last = block
+      slot(n + 1) = last_slot
       place(n + 1) = node_in_block(engine%grid, target)
       if (slot(n + 1) > 0) then
         if (masses(node_mass, place(n + 1), slot(n + 1)) > cutoff) then
           n = n + 1
-          s(n) = share
-          total = total + share
+          s(n) = list%s(i)
+          total = total + list%s(i)
           cycle
         end if
       end if
-      complete = complete .and. share <= 0.0_wp
+      complete = complete .and. list%s(i) <= 0.0_wp
     end do
     if (complete) return
     if (total > 0.0_wp) then
@@ -269,8 +276,8 @@ contains
     integer, intent(in) :: slots
     real(wp), intent(in) :: g(nf, nodes_per_block, slots)
     real(wp), intent(in) :: kick !! step of velocities [s]
-    real(wp) :: s(8), sign(3, 8)
-    integer :: q, k, n, slot(8), place(8)
+    real(wp) :: s(most), sign(3, most)
+    integer :: q, k, n, slot(most), place(most)
     work = 0.0_dp
     do q = 1, loads%n
       call find_nodes(engine, slots, g, 0.0_wp, loads%x(:, q), n, slot, place, s, sign)

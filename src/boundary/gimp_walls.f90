@@ -4,7 +4,7 @@
 !> whatever holds more. Planes of symmetry and periodic sides also fold their ghosts (see gimp_images).
 module gimp_walls
   use gimp_kinds, only: wp
-  use gimp_grid, only: grid_t
+  use gimp_grid, only: grid_t, low_side_node, high_side_node
   use gimp_time_table, only: time_table_t, factor_at
   implicit none(type, external)
   private
@@ -89,8 +89,8 @@ contains
     integer :: k
     walls_near = .false.
     do k = 1, grid%dim
-      if (is_wall(walls%side(1, k)) .and. at(k)*grid%edge(k) <= 0) walls_near = .true.
-      if (is_wall(walls%side(2, k)) .and. (at(k) + 1)*grid%edge(k) > grid%cells(k)) walls_near = .true.
+      if (is_wall(walls%side(1, k)) .and. at(k)*grid%edge(k) <= low_side_node(grid)) walls_near = .true.
+      if (is_wall(walls%side(2, k)) .and. (at(k) + 1)*grid%edge(k) > high_side_node(grid, k)) walls_near = .true.
     end do
   end function walls_near
 
@@ -98,16 +98,16 @@ contains
   pure subroutine constrain(walls, grid, node, v)
     type(walls_t), intent(in) :: walls
     type(grid_t), intent(in) :: grid
-    integer, intent(in) :: node(3) !! node coordinates; 0 and `cells` lie on the sides, ghosts beyond
+    integer, intent(in) :: node(3) !! node coordinates; those on the sides are told by the grid, ghosts lie beyond
     real(wp), intent(inout) :: v(3) !! [m/s]
     integer :: k
     do k = 1, grid%dim
-      if (node(k) <= 0) call hold_normal(walls%side(1, k), k, v)
-      if (node(k) >= grid%cells(k)) call hold_normal(walls%side(2, k), k, v)
+      if (node(k) <= low_side_node(grid)) call hold_normal(walls%side(1, k), k, v)
+      if (node(k) >= high_side_node(grid, k)) call hold_normal(walls%side(2, k), k, v)
     end do
     do k = 1, grid%dim
-      if (node(k) <= 0) call hold_all(walls%side(1, k), v)
-      if (node(k) >= grid%cells(k)) call hold_all(walls%side(2, k), v)
+      if (node(k) <= low_side_node(grid)) call hold_all(walls%side(1, k), v)
+      if (node(k) >= high_side_node(grid, k)) call hold_all(walls%side(2, k), v)
     end do
   end subroutine constrain
 

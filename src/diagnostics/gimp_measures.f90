@@ -8,7 +8,8 @@ module gimp_measures
   use gimp_material, only: most_states
   use gimp_engine, only: engine_t
   use gimp_chunk_state, only: chunk_deformation, chunk_history
-  use gimp_basis, only: basis_cpgimp, list_inertia
+  use gimp_splines, only: make_spline
+  use gimp_basis, only: basis_cpgimp, list_inertia, spline_degree
   use gimp_verification, only: verification_t, exact_motion, exact_stress
   implicit none(type, external)
   private
@@ -93,7 +94,7 @@ contains
             part%momentum = part%momentum + mv
             part%angular_momentum = part%angular_momentum + [x(l, 2)*mv(3) - x(l, 3)*mv(2), x(l, 3)*mv(1) - x(l, 1)*mv(3), &
                                                              x(l, 1)*mv(2) - x(l, 2)*mv(1)]
-            if (particles%affine%first > 0) part%angular_momentum = part%angular_momentum + affine_spin(engine, c, l, m)
+            if (particles%affine%first > 0) part%angular_momentum = part%angular_momentum + affine_spin(engine, particles%groups(g)%at, c, l, m)
             totals%speed = max(totals%speed, sqrt(sum(real(v(l, :), dp)**2)))
           end do
         end do
@@ -107,9 +108,9 @@ contains
   end subroutine measure_totals
 
   !> Angular momentum of the velocity gradient that a particle carries: m (C D - (C D)^T) (Jiang et al. 2015) [kg m2/s]
-  pure function affine_spin(engine, c, l, m) result(spin)
+  pure function affine_spin(engine, at, c, l, m) result(spin)
     type(engine_t), intent(in) :: engine
-    integer, intent(in) :: c, l
+    integer, intent(in) :: at(3), c, l !! block, chunk, lane
     real(dp), intent(in) :: m
     real(dp) :: spin(3)
     real(wp) :: half(3), inertia(3)
@@ -121,7 +122,7 @@ contains
       q = p%half_length%first
       if (engine%basis == basis_cpgimp) q = p%domain%first
       if (q > 0) half(:d) = p%p(l, q:q + d - 1, c)
-      inertia = list_inertia(d, p%p(l, 1:d, c), half)
+      inertia = list_inertia(d, p%p(l, 1:d, c), half, make_spline(spline_degree(engine%basis), engine%grid, at))
       b = 0.0_dp
       do k = 1, d
         q = p%affine%first + d*(k - 1)

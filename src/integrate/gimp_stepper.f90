@@ -109,6 +109,10 @@ contains
         s%engine%allowed_low(k) = -huge(1.0_wp) ! positions wrap around at the next sort
         s%engine%allowed_high(k) = huge(1.0_wp)
       end if
+      if (s%engine%grid%open_degree > 0) then ! the knots end there
+        s%engine%allowed_low(k) = 0.0_wp
+        s%engine%allowed_high(k) = s%engine%grid%cells(k)
+      end if
     end do
     call resort(s)
     s%cutoff_mass = maxval(s%engine%particles%p(:, s%engine%particles%mass%first, :))
@@ -427,7 +431,9 @@ contains
     end do
     select case (s%engine%fate(1, b))
     case (fate_inverted); why = "its deformation gradient has no positive determinant (the particle is inverted)"
-    case (fate_outside); why = "it has left the grid"
+    case (fate_outside)
+      why = "it has left the grid"
+      if (s%engine%grid%open_degree > 0) why = "it has left the box, where open-knot splines end (spline_boundary = 'ghost' goes on)"
     case (fate_jumped); why = "it moved by more than a block in one step"
     case default; why = "its position or deformation is not a number"
     end select

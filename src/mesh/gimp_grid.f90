@@ -1,13 +1,14 @@
 !> The Cartesian background grid: where its nodes, cells and blocks lie.
 !>
 !> Node i of an axis lies at lower + i*spacing, i = 0..cells inside the box; nodes outside (ghosts) are ordinary nodes.
-!> A cell is half open, [i, i+1). Blocks hold 64 nodes in every dimension: 4x4x4, 8x8 or 64.
+!> A cell is half open, [i, i+1). With open-knot splines a node stores a function of the spline instead (see gimp_splines).
+!> Blocks hold 64 nodes in every dimension: 4x4x4, 8x8 or 64.
 module gimp_grid
   use gimp_kinds, only: wp, i8
   implicit none(type, external)
   private
   public :: grid_t, make_grid, block_edge, nodes_per_block, block_key, fields_per_node
-  public :: node_mass, longest_axis, block_of_node, has_images, canonical_node
+  public :: node_mass, longest_axis, block_of_node, has_images, canonical_node, low_side_node, high_side_node
 
   integer, parameter :: nodes_per_block = 64
   integer, parameter :: fields_per_node = 8 !! one cache line: three components, mass, three components, energy
@@ -23,6 +24,7 @@ module gimp_grid
     integer :: edge(3) = 1 !! nodes along the edges of a block
     logical :: periodic(3) = .false. !! axes that close on themselves
     logical :: mirror_low(3) = .false., mirror_high(3) = .false. !! planes of symmetry
+    integer :: open_degree = 0 !! degree of an open-knot spline whose functions are the nodes; 0: nodes are what they seem
   end type grid_t
 
 contains
@@ -79,6 +81,20 @@ contains
     has_images = any(grid%periodic) .or. any(grid%mirror_low) .or. any(grid%mirror_high)
   end function has_images
 
+  !> The node on the low side of the box: node 0, or the first function of an open-knot spline
+  pure integer function low_side_node(grid)
+    type(grid_t), intent(in) :: grid
+    low_side_node = merge(-1, 0, grid%open_degree > 0)
+  end function low_side_node
+
+  !> The node on the high side of the box along axis k: the last one, or the last function of an open-knot spline
+  pure integer function high_side_node(grid, k)
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: k
+    high_side_node = grid%cells(k)
+    if (grid%open_degree > 0) high_side_node = grid%cells(k) + grid%open_degree - 2
+  end function high_side_node
+
   !> The node that a node stands for, and the signs that vector components take on the way
   pure subroutine canonical_node(grid, node, target, sign)
     type(grid_t), intent(in) :: grid
@@ -91,12 +107,17 @@ contains
     do k = 1, grid%dim
       if (grid%periodic(k)) then
         target(k) = modulo(node(k), grid%cells(k))
-      else if (grid%mirror_low(k) .and. node(k) < 0) then
-        target(k) = -node(k)
-        sign(k) = -1.0_wp
-      else if (grid%mirror_high(k) .and. node(k) > grid%cells(k)) then
-        target(k) = 2*grid%cells(k) - node(k)
-        sign(k) = -1.0_wp
+      else
+        do ! a wide support between two near mirrors is reflected by both
+          if (grid%mirror_low(k) .and. target(k) < 0) then
+            target(k) = -target(k)
+          else if (grid%mirror_high(k) .and. target(k) > grid%cells(k)) then
+            target(k) = 2*grid%cells(k) - target(k)
+          else
+            exit
+          end if
+          sign(k) = -sign(k)
+        end do
       end if
     end do
   end subroutine canonical_node

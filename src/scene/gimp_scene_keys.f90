@@ -287,8 +287,11 @@ contains
     type(key_t), intent(inout) :: t(:)
     integer, intent(inout) :: n
     character(len=*), parameter :: g = "method"
-    call add(t, n, g, "basis", kind_word, "shape functions", words="linear ugimp cpgimp", default="cpgimp", &
-             planned="cpdi cpdi2 ddmp bspline2 bspline3 gauss_gimp")
+    call add(t, n, g, "basis", kind_word, "shape functions", words="linear ugimp cpgimp bspline2 bspline3", default="cpgimp", &
+             planned="cpdi cpdi2 ddmp gauss_gimp")
+    call add(t, n, g, "spline_boundary", kind_word, "splines at the sides of the box. open: knots end there, material must stay "// &
+             "inside; ghost: equal splines that reach beyond, for periodic and symmetric sides", words="open ghost", &
+             default="open", when="basis=bspline2|bspline3")
     call add(t, n, g, "domain", kind_word, "half length of a particle's domain from the stretch U, from F_kk, or from the "// &
              "volume", words="stretch diagonal volume", default="stretch", when="basis=cpgimp")
     call add(t, n, g, "transfer", kind_word, "how grid velocity comes back to particles", words="flip pic apic tpic", &

@@ -8,7 +8,7 @@ module gimp_resort
   use gimp_hash_table, only: hash_table_t, clear_table, insert_key
   use gimp_sorting, only: sort_order
   use gimp_particles, only: particles_t, group_t, allot_chunks, swap_chunks
-  use gimp_basis, only: basis_linear, basis_cpgimp, narrow_half
+  use gimp_basis, only: basis_linear, basis_cpgimp, basis_bspline2, basis_bspline3, narrow_half
   use gimp_engine, only: engine_t, allot_grid
   implicit none(type, external)
   private
@@ -45,6 +45,8 @@ contains
     select case (engine%basis)
     case (basis_linear)
       continue
+    case (basis_bspline2, basis_bspline3) ! as spline_reach
+      x = x - merge(0.5_wp, 1.0_wp, engine%basis == basis_bspline2 .and. engine%grid%open_degree == 0)
     case (basis_cpgimp)
       x = x - min(narrow_half, engine%particles%p(l, engine%particles%domain%first + k - 1, c))
     case default

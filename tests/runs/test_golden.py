@@ -17,7 +17,8 @@ from conftest import REPOSITORY
 
 GOLDEN = REPOSITORY / "tests" / "data" / "golden"
 STEPS = (0, 1, 10, 40)
-BASES = {"linear": "linear", "ugimp": "ugimp", "cpgimp": "cpgimp", "cpgimpU": "cpgimp"}
+BASES = {"linear": "linear", "ugimp": "ugimp", "cpgimp": "cpgimp", "cpgimpU": "cpgimp", "bs2": "bspline2", "bs3": "bspline3",
+         "bs2u": "bspline2", "bs3u": "bspline3"}
 MATERIALS = {
     "nh": {"model": "neo_hookean"},
     "hw": {"model": "linear_elastic", "rate": "hughes_winget", "rate_form": "plain"},
@@ -126,7 +127,9 @@ def scene(golden):
     for axis, end, condition in golden.sides:
         text.append(f"&boundary side = '{'xyz'[int(axis)]}_{end}' condition = '{CONDITIONS[condition]}' /")
     text.append(f"&load kind = 'gravity' acceleration = {numbers(golden.gravity)} /")
-    domain = {"cpgimp": "domain = 'diagonal' ", "cpgimpU": "domain = 'stretch' "}.get(golden.basis, "")
+    domain = {"cpgimp": "domain = 'diagonal' ", "cpgimpU": "domain = 'stretch' ", "bs2": "spline_boundary = 'open' ",
+              "bs3": "spline_boundary = 'open' ", "bs2u": "spline_boundary = 'ghost' ",
+              "bs3u": "spline_boundary = 'ghost' "}.get(golden.basis, "")
     text.append(f"&method basis = '{BASES[golden.basis]}' {domain}transfer = '{golden.transfer}' flip_fraction = {golden.flip!r} "
                 f"stress_update = '{golden.scheme}' deformation_update = 'forward' "
                 f"half_step_start = .{str(golden.half_start).lower()}. mass_cutoff = {float(golden.cutoff / golden.mass.max())!r} /")
@@ -144,7 +147,8 @@ def test_files_are_known():
         "d2_ugimp_musl_nh", "d2_ugimp_musl_hw", "d2_ugimp_musl_jaumann", "d2_ugimp_usf_nh", "d2_ugimp_usf_hw",
         "d2_ugimp_usf_jaumann", "d2_ugimp_usl_nh_flip", "d2_ugimp_usl_nh_pic", "d2_ugimp_usl_nh_halfstart",
         "d2_ugimp_musl_nh_stick", "d2_ugimp_usl_nh_apic", "d2_ugimp_musl_nh_tpic", "d2_cpgimpU_musl_nh_apicmix",
-        "d2_ugimp_usl_hwsym", "d2_ugimp_usl_henckyvm", "d3_linear_usl_nh"}
+        "d2_ugimp_usl_hwsym", "d2_ugimp_usl_henckyvm", "d3_linear_usl_nh", "d1_bs2_usl_nh", "d1_bs3_usl_nh",
+        "d1_bs2u_usl_nh", "d1_bs3u_usl_nh"}
 
 
 @pytest.mark.parametrize("kernel", ["auto", "list"])

@@ -19,6 +19,10 @@ CASES = {
     "2d mirrors": ("tensile_bar.nml", {"time__max_steps": 120, "output__every": 0.0}),
     "2d materials": ("two_materials.nml", {"time__max_steps": 60, "output__every": 0.0}),
     "3d": ("block_impact_3d.nml", {"time__max_steps": 80, "output__every": 0.0}),
+    "2d spline": ("falling_disk.nml", {"time__max_steps": 100, "output__every": 0.0, "method__basis": "bspline2", "method__transfer": "tpic",
+                                       "method__flip_fraction": 0.9}),
+    "3d spline": ("axis_aligned_3d.nml", {"time__max_steps": 40, "output__every": 0.0, "method__basis": "bspline3", "method__domain": None,
+                                          "method__spline_boundary": "ghost", "boundary__condition": "symmetry"}),
     "3d usavg": ("axis_aligned_3d.nml", {"method__stress_update": "usavg", "output__every": 0.0, "time__max_steps": 30}),
 }
 

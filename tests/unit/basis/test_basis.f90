@@ -1,6 +1,7 @@
 !> Weight lists: the four conditions every basis must satisfy, and the closed forms they reduce to
 program test_basis
   use gimp_kinds, only: wp
+  use gimp_splines, only: spline_t
   use gimp_basis, only: weight_list_t, make_weight_list, axis_weights, basis_of_word, basis_words, support_width, &
     basis_linear, basis_ugimp, basis_cpgimp, most_nodes, longest_half
   use gimp_text, only: text_of, count_words, nth_word
@@ -65,7 +66,7 @@ contains
         if (modulo(trial, 5) == 0) half(k) = 0.0_wp
         if (modulo(trial, 7) == 0) half(k) = longest_half
       end do
-      call make_weight_list(dim, x, half, list)
+      call make_weight_list(dim, x, half, spline_t(), list)
       most = max(most, list%n)
       moment = 0.0_wp
       unit = 0.0_wp

@@ -15,6 +15,7 @@ program test_walls
   call test_words()
   call test_one_side()
   call test_corners()
+  call test_open_knots()
   call test_moving()
   call test_near()
   call test_images()
@@ -62,6 +63,26 @@ contains
     walls%side(2, 2)%condition = side_periodic
     call check(held(walls, [5, 10, 5]), v, 0.0_wp, "periodic sides hold nothing")
   end subroutine test_one_side
+
+  !> Open-knot splines: 10 cells have functions -1 ... 10 (quadratic) or 11 (cubic), and the side holds the end ones alone
+  subroutine test_open_knots()
+    type(walls_t) :: walls
+    type(grid_t) :: open
+    real(wp) :: w(3)
+    integer :: degree, node
+    walls%side(:, 1)%condition = side_stick
+    open = grid
+    do degree = 2, 3
+      open%open_degree = degree
+      do node = -1, 8 + degree
+        w = v
+        call constrain(walls, open, [node, 5, 5], w)
+        call check_true(all(w == 0.0_wp) .eqv. (node == -1 .or. node == 8 + degree), "only end functions are held")
+      end do
+      call check_true(walls_near(walls, open, [-1, 0, 0]) .and. .not. walls_near(walls, open, [0, 0, 0]), "the block that holds them")
+      call check_true(walls_near(walls, open, [2, 0, 0]) .and. .not. walls_near(walls, open, [1, 0, 0]), "above too")
+    end do
+  end subroutine test_open_knots
 
   !> Where sides meet, both are obeyed, and what holds more wins whichever axis it is on
   subroutine test_corners()

@@ -1,6 +1,7 @@
 !> The critical step equals the one of a dense matrix, the closed form of one particle, and the step at which runs start to grow
 program test_stability
   use gimp_kinds, only: wp
+  use gimp_splines, only: spline_t
   use gimp_basis, only: basis_linear, basis_ugimp, basis_cpgimp, weight_list_t, make_weight_list
   use gimp_domains, only: domain_stretch
   use gimp_engine, only: engine_t, affine_none, affine_apic
@@ -162,7 +163,7 @@ contains
     do p = 1, 2*cloud%n ! number the nodes, then add
       half = cloud%half(:, modulo(p - 1, cloud%n) + 1)
       if (basis == basis_linear) half = 0
-      call make_weight_list(dim, cloud%x(:dim, modulo(p - 1, cloud%n) + 1), half, list)
+      call make_weight_list(dim, cloud%x(:dim, modulo(p - 1, cloud%n) + 1), half, spline_t(), list)
       at = [(1 + list%node(1, i) + 13*(list%node(2, i) + 13*list%node(3, i)), i=1, list%n)]
       if (p <= cloud%n) then
         do i = 1, list%n

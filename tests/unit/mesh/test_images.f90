@@ -34,6 +34,8 @@ contains
     call check(sign, [1.0_wp, -1.0_wp, 1.0_wp], 0.0_wp, "only the mirror turns its axis")
     call canonical_node(grid, [5, 11, 0], target, sign)
     call check_true(all(target == [5, 7, 0]) .and. sign(2) == -1.0_wp, "the upper mirror")
+    call canonical_node(grid, [5, -12, 0], target, sign)
+    call check_true(all(target == [5, 6, 0]) .and. all(sign == 1.0_wp), "a far image is turned by both mirrors")
     call canonical_node(grid, [5, 9, 0], target, sign)
     call check_true(all(target == [5, 9, 0]) .and. sign(2) == 1.0_wp, "a node on a mirror stands for itself")
   end subroutine test_canonical

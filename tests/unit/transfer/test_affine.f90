@@ -2,7 +2,8 @@
 program test_affine
   use gimp_kinds, only: wp, lanes
   use gimp_grid, only: nodes_per_block
-  use gimp_basis, only: basis_cpgimp, list_inertia, make_weight_list, take_moments, weight_list_t
+  use gimp_splines, only: spline_t, make_spline, node_place
+  use gimp_basis, only: basis_cpgimp, basis_bspline2, basis_bspline3, spline_degree, list_inertia, make_weight_list, take_moments, weight_list_t
   use gimp_engine, only: engine_t, pass_t, fate_fine, affine_apic, affine_tpic, sum_affine
   use gimp_particle_pass, only: particle_pass
   use gimp_resort, only: sort_particles
@@ -10,17 +11,26 @@ program test_affine
   use gimp_check, only: begin_suite, end_suite, check, check_true
   implicit none(type, external)
 
-  integer :: seed = 11, dim, kind
+  integer :: seed = 11, dim, kind, basis
 
   call begin_suite("affine")
   call test_moments()
   do dim = 1, 3
     do kind = affine_apic, affine_tpic
-      call test_affine_field(dim, kind, 0.05_wp, 0.5_wp, .false.)
-      call test_affine_field(dim, kind, 0.05_wp, 1.9_wp, .false.) ! wide supports walk their lists
-      call test_affine_field(dim, kind, 0.05_wp, 0.5_wp, .true.)
+      call test_affine_field(dim, kind, basis_cpgimp, .false., 0.5_wp, .false.)
+      call test_affine_field(dim, kind, basis_cpgimp, .false., 1.9_wp, .false.) ! wide supports walk their lists
+      call test_affine_field(dim, kind, basis_cpgimp, .false., 0.5_wp, .true.)
+      do basis = basis_bspline2, basis_bspline3
+        call test_affine_field(dim, kind, basis, .false., 0.5_wp, .false.)
+        call test_affine_field(dim, kind, basis, .true., 0.5_wp, .false.)
+        call test_affine_field(dim, kind, basis, .true., 0.5_wp, .true.)
+      end do
     end do
-    call test_momentum(dim)
+    call test_momentum(dim, basis_cpgimp, .false.)
+    do basis = basis_bspline2, basis_bspline3
+      call test_momentum(dim, basis, .false.)
+      call test_momentum(dim, basis, .true.)
+    end do
   end do
   call end_suite()
 
@@ -35,9 +45,9 @@ contains
       call random_reals(seed, numbers)
       x = 5.0_wp + numbers(1:3)
       half = 0.01_wp + 0.6_wp*abs(numbers(4:6))
-      call make_weight_list(3, x, half, list)
-      call take_moments(3, x, list)
-      inertia = list_inertia(3, x, half)
+      call make_weight_list(3, x, half, spline_t(), list)
+      call take_moments(3, x, spline_t(), list)
+      inertia = list_inertia(3, x, half, spline_t())
       sums = 0.0_wp
       squares = 0.0_wp
       do i = 1, list%n
@@ -51,22 +61,23 @@ contains
   end subroutine test_moments
 
   !> Nodal velocities of an affine field: particles take its value and its gradient, and give the field back to the nodes
-  subroutine test_affine_field(dim, kind, short, long, list_kernel)
-    integer, intent(in) :: dim, kind
-    real(wp), intent(in) :: short, long
-    logical, intent(in) :: list_kernel
+  subroutine test_affine_field(dim, kind, basis, open, long, list_kernel)
+    integer, intent(in) :: dim, kind, basis
+    real(wp), intent(in) :: long !! largest half length
+    logical, intent(in) :: open, list_kernel !! open knots; the list kernel everywhere
     type(engine_t) :: engine
     type(cloud_t) :: cloud
     real(wp), allocatable :: raw(:, :, :)
     real(wp) :: low(3), high(3), gradient(3, 3), v0(3), numbers(12), worst, worst_gradient, given(3)
-    integer :: cells(3), c, l, g, k, s, place, q, node(3)
+    integer :: cells(3), c, l, g, k, s, place, q
     cells = 1
     cells(:dim) = merge(150, merge(20, 12, dim == 2), dim == 1)
     low = 0.0_wp
-    low(:dim) = 3.0_wp
+    low(:dim) = merge(0.0_wp, 3.0_wp, open)
     high = cells - low
-    call random_cloud(dim, 200, low, high, short, long, seed, cloud)
-    call make_engine(dim, basis_cpgimp, cells, 0.25_wp, cloud, engine, affine=kind)
+    call random_cloud(dim, 200, low, high, 0.05_wp, long, seed, cloud)
+    call make_engine(dim, basis, cells, 0.25_wp, cloud, engine, affine=kind)
+    if (open) engine%grid%open_degree = spline_degree(basis)
     engine%list_kernel = list_kernel
     call sort_particles(engine)
     call random_reals(seed, numbers)
@@ -74,9 +85,8 @@ contains
     v0 = numbers(10:12)
     do s = 1, engine%table%slots
       do place = 1, nodes_per_block
-        node = node_of(engine, s, place)
         engine%g(:, place, s) = 0.0_wp
-        engine%g(1:dim, place, s) = field(gradient, v0, 0.25_wp*node, dim)
+        engine%g(1:dim, place, s) = field(gradient, v0, place_of(engine, s, place), dim)
       end do
     end do
     call particle_pass(engine, pass_t(velocity=.true., flip=0.0_wp, momentum=.true., old_weights=.true.))
@@ -107,8 +117,7 @@ contains
       do place = 1, nodes_per_block
         if (raw(4, place, s) < 1.0e-3_wp*maxval(cloud%mass)) cycle ! round-off of light nodes is divided by their mass
         given = 0.0_wp
-        node = node_of(engine, s, place)
-        given(:dim) = field(gradient, v0, 0.25_wp*node, dim)
+        given(:dim) = field(gradient, v0, place_of(engine, s, place), dim)
         worst = max(worst, maxval(abs(raw(1:dim, place, s)/raw(4, place, s) - given(:dim))))
       end do
     end do
@@ -117,8 +126,9 @@ contains
 
   !> Random particle velocities and gradients: the grid has the momentum of the particles and, with the affine part, their
   !> angular momentum (2D, 3D); the energy of the affine part is positive
-  subroutine test_momentum(dim)
-    integer, intent(in) :: dim
+  subroutine test_momentum(dim, basis, open)
+    integer, intent(in) :: dim, basis
+    logical, intent(in) :: open
     type(engine_t) :: engine
     type(cloud_t) :: cloud
     real(wp), allocatable :: raw(:, :, :), numbers(:)
@@ -128,10 +138,11 @@ contains
     cells = 1
     cells(:dim) = merge(150, merge(20, 12, dim == 2), dim == 1)
     low = 0.0_wp
-    low(:dim) = 3.0_wp
+    low(:dim) = merge(0.0_wp, 3.0_wp, open)
     high = cells - low
     call random_cloud(dim, 200, low, high, 0.05_wp, 0.5_wp, seed, cloud)
-    call make_engine(dim, basis_cpgimp, cells, 0.25_wp, cloud, engine, affine=affine_apic)
+    call make_engine(dim, basis, cells, 0.25_wp, cloud, engine, affine=affine_apic)
+    if (open) engine%grid%open_degree = spline_degree(basis)
     call sort_particles(engine)
     allocate (numbers(dim*dim))
     on_nodes = 0.0_wp
@@ -152,8 +163,9 @@ contains
             mv = 0.0_wp
             mv(:dim) = p%p(l, p%mass%first, c)*p%p(l, p%velocity%first:p%velocity%first + dim - 1, c)
             half = 0.0_wp
-            half(:dim) = p%p(l, p%domain%first:p%domain%first + dim - 1, c)
-            inertia = list_inertia(dim, p%p(l, 1:dim, c), half)
+            if (p%domain%first > 0) half(:dim) = p%p(l, p%domain%first:p%domain%first + dim - 1, c)
+            inertia = list_inertia(dim, p%p(l, 1:dim, c), half, &
+                                   make_spline(spline_degree(basis), engine%grid, p%groups(g)%at))
             b = 0.0_wp
             do k = 1, dim
               b(k, :dim) = p%p(l, p%mass%first, c)*0.25_wp**2*numbers(dim*(k - 1) + 1:dim*k)*inertia(:dim)
@@ -170,7 +182,7 @@ contains
     do s = 1, engine%table%slots
       do place = 1, nodes_per_block
         on_nodes = on_nodes + raw(1:3, place, s)
-        spin_nodes = spin_nodes + cross(0.25_wp*node_of(engine, s, place), raw(1:3, place, s))
+        spin_nodes = spin_nodes + cross(place_of(engine, s, place), raw(1:3, place, s))
       end do
     end do
     call check(on_nodes, of_particles, 1.0e-13_wp*scale, "momentum on the grid is that of the particles")
@@ -185,15 +197,22 @@ contains
     v = v0(:dim) + matmul(gradient(:dim, :dim), x(:dim))
   end function field
 
-  pure function node_of(engine, s, place) result(node)
+  !> Where a node stands [m]: with open knots at its Greville abscissa
+  pure function place_of(engine, s, place) result(x)
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: s, place
-    integer :: node(3)
+    real(wp) :: x(3)
+    integer :: node(3), k
     associate (edge => engine%grid%edge)
       node = [modulo(place - 1, edge(1)), modulo((place - 1)/edge(1), edge(2)), (place - 1)/(edge(1)*edge(2))] &
              + engine%table%slot_at(:, s)*edge
     end associate
-  end function node_of
+    do k = 1, 3
+      x(k) = 0.25_wp*node(k)
+      if (k <= engine%grid%dim) &
+        x(k) = 0.25_wp*node_place(make_spline(spline_degree(engine%basis), engine%grid, [0, 0, 0]), k, node(k))
+    end do
+  end function place_of
 
   pure function cross(u, w) result(c)
     real(wp), intent(in) :: u(3), w(3)
