@@ -7,7 +7,7 @@ module gimp_populate
     shape_center
   use gimp_fill, only: fill_t, fill_body_t, fill_bodies
   use gimp_particle_file, only: particle_table_t, read_particle_file
-  use gimp_particles, only: particles_t, add_field, allot_chunks, swap_chunks, group_t
+  use gimp_particles, only: particles_t, add_field, allot_chunks, clear_chunks, group_t
   use gimp_basis, only: basis_linear, basis_cpgimp
   use gimp_domains, only: domain_half_lengths
   use gimp_verification, only: verification_t, exact_motion
@@ -220,9 +220,7 @@ contains
       chunks = chunks + int((in_material + lanes - 1)/lanes)
     end do
     call allot_chunks(s%engine%particles, chunks)
-    call swap_chunks(s%engine%particles)
-    s%engine%particles%p = 0.0_wp
-    s%engine%particles%id = 0
+    call clear_chunks(s%engine%particles)
     do m = 1, size(s%engine%particles%groups)
       call fill_group(scene, s, solution, population, material_of, s%engine%particles%groups(m), error)
       if (allocated(error)) return

@@ -25,33 +25,48 @@ contains
     integer, intent(in) :: at(:, :) !! (3, block)
     integer, allocatable, intent(out) :: extra(:, :) !! (3, any)
     integer, allocatable :: wider(:, :)
-    integer :: b, k, n, node(3), target(3), reach(3), place, last(3)
-    real(wp) :: sign(3)
+    integer :: b, i, j, k, n, count(3), axis(32, 3), reach(3)
     allocate (extra(3, 0))
     if (.not. has_images(grid)) return
     allocate (wider(3, 64))
     n = 0
-    last = huge(1)
     reach = merge(1, 0, [1, 2, 3] <= grid%dim)
     do b = 1, size(at, 2)
       if (all(at(:, b)*grid%edge >= grid%edge .and. (at(:, b) + 2)*grid%edge <= grid%cells .or. reach == 0)) cycle
-      do place = 0, product((2*reach + 1)*grid%edge) - 1
-        k = place
-        node(1) = modulo(k, (2*reach(1) + 1)*grid%edge(1)); k = k/((2*reach(1) + 1)*grid%edge(1))
-        node(2) = modulo(k, (2*reach(2) + 1)*grid%edge(2)); k = k/((2*reach(2) + 1)*grid%edge(2))
-        node(3) = k
-        node = node + (at(:, b) - reach)*grid%edge
-        call canonical_node(grid, node, target, sign)
-        if (all(target == node)) cycle
-        target = block_of_node(grid, target)
-        if (all(target == last)) cycle
-        last = target
-        if (n == size(wider, 2)) wider = reshape(wider, [3, 2*n], pad=[0])
-        n = n + 1
-        wider(:, n) = target
+      do k = 1, 3
+        call targets_on_axis(k, (at(k, b) - reach(k))*grid%edge(k), (at(k, b) + reach(k) + 1)*grid%edge(k) - 1)
+      end do
+      do k = 1, count(3)
+        do j = 1, count(2)
+          do i = 1, count(1)
+            if (n == size(wider, 2)) wider = reshape(wider, [3, 2*n], pad=[0])
+            n = n + 1
+            wider(:, n) = [axis(i, 1), axis(j, 2), axis(k, 3)]
+          end do
+        end do
       end do
     end do
     extra = wider(:, :n)
+
+  contains
+
+    !> Blocks that hold the targets of nodes first to last of an axis; an axis does not ask the others
+    subroutine targets_on_axis(k, first, last)
+      integer, intent(in) :: k, first, last
+      integer :: i, node(3), target(3), at(3)
+      real(wp) :: sign(3)
+      count(k) = 0
+      node = 0
+      do i = first, last
+        node(k) = i
+        call canonical_node(grid, node, target, sign)
+        at = block_of_node(grid, target)
+        if (any(axis(:count(k), k) == at(k)) .or. count(k) == size(axis, 1)) cycle
+        count(k) = count(k) + 1
+        axis(count(k), k) = at(k)
+      end do
+    end subroutine targets_on_axis
+
   end subroutine images_wanted
 
   !> List every active node that stands for another, in the order of slots and nodes
@@ -67,6 +82,7 @@ contains
     allocate (wider(64))
     n = 0
     do s = 1, table%slots
+      if (all(table%slot_at(:, s) >= 0 .and. (table%slot_at(:, s) + 1)*grid%edge <= grid%cells)) cycle ! inside: no images
       do place = 0, nodes_per_block - 1
         node(1) = modulo(place, grid%edge(1))
         node(2) = modulo(place/grid%edge(1), grid%edge(2))
