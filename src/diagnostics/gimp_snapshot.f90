@@ -45,19 +45,26 @@ contains
     if (engine%particles%chunks > 0) n = maxval(engine%particles%id)
     allocate (place(n), source=0_i8)
     allocate (rank(lanes, engine%particles%chunks), source=0_i8)
+    !$omp parallel do schedule(static) private(l)
     do c = 1, engine%particles%chunks
       do l = 1, lanes
         if (engine%particles%id(l, c) > 0) place(engine%particles%id(l, c)) = 1
       end do
     end do
-    do k = 2, n
-      place(k) = place(k) + place(k - 1)
-    end do
+    !$omp end parallel do
+    if (engine%particles%n < n) then ! some are gone: those behind them move up
+      do k = 2, n
+        place(k) = place(k) + place(k - 1)
+      end do
+    end if
+    !$omp parallel do schedule(static) private(l)
     do c = 1, engine%particles%chunks
       do l = 1, lanes
-        if (engine%particles%id(l, c) > 0) rank(l, c) = place(engine%particles%id(l, c))
+        rank(l, c) = engine%particles%id(l, c)
+        if (engine%particles%id(l, c) > 0 .and. engine%particles%n < n) rank(l, c) = place(engine%particles%id(l, c))
       end do
     end do
+    !$omp end parallel do
   end subroutine rank_particles
 
   !> Positions in metres, three components
@@ -67,6 +74,7 @@ contains
     real(wp), intent(out) :: x(:, :) !! (3, n)
     real(wp) :: here(lanes, 3)
     integer :: g, c, l
+    !$omp parallel do schedule(dynamic, 16) private(c, l, here)
     do g = 1, size(engine%particles%groups)
       do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
         call chunk_position(engine, engine%particles%groups(g), c, here)
@@ -75,6 +83,7 @@ contains
         end do
       end do
     end do
+    !$omp end parallel do
   end subroutine sample_positions
 
   !> One field by name
@@ -89,6 +98,7 @@ contains
     real(wp) :: chunk(lanes, 9)
     integer :: g, c, l, n
     n = field_components(name)
+    !$omp parallel do schedule(dynamic, 16) private(c, l, chunk)
     do g = 1, size(engine%particles%groups)
       do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
         call sample_chunk(engine, name, g, c, body_first, solution, time, chunk)
@@ -97,6 +107,7 @@ contains
         end do
       end do
     end do
+    !$omp end parallel do
   end subroutine sample_field
 
   subroutine sample_chunk(engine, name, g, c, body_first, solution, time, chunk)

@@ -3,9 +3,11 @@
 !> Contributions to an image are added to the node it stands for, in the order of the list, before nodes are updated;
 !> afterwards the image takes that node's values. Any number of cells is allowed on a periodic axis.
 module gimp_images
-  use gimp_kinds, only: wp
+  use gimp_kinds, only: wp, i8
+  use gimp_sorting, only: sort_order
   use gimp_grid, only: grid_t, nodes_per_block, fields_per_node, node_mass, has_images, canonical_node, block_of_node
   use gimp_blocks, only: block_table_t, slot_of_node, node_in_block
+  use omp_lib, only: omp_get_max_threads
   implicit none(type, external)
   private
   public :: image_t, images_wanted, build_images, note_images, fold_images, copy_images
@@ -69,12 +71,13 @@ contains
 
   end subroutine images_wanted
 
-  !> List every active node that stands for another, in the order of slots and nodes
+  !> List every active node that stands for another, in the order of the slots of the nodes they stand for, then of their own
   subroutine build_images(grid, table, images)
     type(grid_t), intent(in) :: grid
     type(block_table_t), intent(in) :: table
     type(image_t), allocatable, intent(out) :: images(:)
     type(image_t), allocatable :: wider(:)
+    integer, allocatable :: order(:)
     integer :: s, place, node(3), target(3), n, slot
     real(wp) :: sign(3)
     allocate (images(0))
@@ -97,47 +100,70 @@ contains
         wider(n) = image_t(s, place + 1, slot, node_in_block(grid, target), [sign, 1.0_wp, sign, 1.0_wp])
       end do
     end do
-    images = wider(:n)
+    call sort_order(int(wider(:n)%target_slot, i8), order)
+    images = wider(order)
   end subroutine build_images
 
   !> What the images hold now, for the books: a mirror turns the normal part of it around
-  pure subroutine note_images(images, slots, g, held)
+  subroutine note_images(images, slots, g, held)
     type(image_t), intent(in) :: images(:)
     integer, intent(in) :: slots
     real(wp), intent(in) :: g(fields_per_node, nodes_per_block, slots)
     real(wp), intent(out) :: held(fields_per_node, size(images))
     integer :: k
+    !$omp parallel do schedule(static)
     do k = 1, size(images)
       held(:, k) = g(:, images(k)%place, images(k)%slot)
     end do
+    !$omp end parallel do
   end subroutine note_images
 
   !> Add what images collected to the nodes they stand for, and empty the images
-  pure subroutine fold_images(images, slots, g)
+  subroutine fold_images(images, slots, g)
     type(image_t), intent(in) :: images(:)
     integer, intent(in) :: slots
     real(wp), intent(inout) :: g(fields_per_node, nodes_per_block, slots)
-    integer :: k
-    do k = 1, size(images)
-      associate (i => images(k))
-        g(:, i%target_place, i%target_slot) = g(:, i%target_place, i%target_slot) + i%sign*g(:, i%place, i%slot)
-        g(:, i%place, i%slot) = 0.0_wp
-      end associate
+    integer :: k, part, parts
+    parts = min(size(images), omp_get_max_threads())
+    !$omp parallel do schedule(static) private(k)
+    do part = 1, parts
+      do k = cut(part - 1), cut(part) - 1
+        associate (i => images(k))
+          g(:, i%target_place, i%target_slot) = g(:, i%target_place, i%target_slot) + i%sign*g(:, i%place, i%slot)
+          g(:, i%place, i%slot) = 0.0_wp
+        end associate
+      end do
     end do
+    !$omp end parallel do
+
+  contains
+
+    !> First image of a part: parts are equal but for images of nodes of one slot, which stay together
+    pure integer function cut(part)
+      integer, intent(in) :: part
+      cut = 1 + int(int(size(images), i8)*part/parts)
+      do while (cut > 1 .and. cut <= size(images))
+        if (images(cut)%target_slot /= images(cut - 1)%target_slot) exit
+        cut = cut + 1
+      end do
+    end function cut
+
   end subroutine fold_images
 
   !> Give images the values of the nodes they stand for, but no mass: no sum over nodes may count them again
-  pure subroutine copy_images(images, slots, g)
+  subroutine copy_images(images, slots, g)
     type(image_t), intent(in) :: images(:)
     integer, intent(in) :: slots
     real(wp), intent(inout) :: g(fields_per_node, nodes_per_block, slots)
     integer :: k
+    !$omp parallel do schedule(static)
     do k = 1, size(images)
       associate (i => images(k))
         g(:, i%place, i%slot) = i%sign*g(:, i%target_place, i%target_slot)
         g(node_mass, i%place, i%slot) = 0.0_wp
       end associate
     end do
+    !$omp end parallel do
   end subroutine copy_images
 
 end module gimp_images

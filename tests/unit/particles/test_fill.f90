@@ -155,7 +155,6 @@ contains
     call fill_bodies(2, zero, 0.5_wp, [8, 2, 1], [elsewhere, first, second, hole, plug], r, error)
     call check_counts([0, 28, 48, 0, 16 + 8], "plug: fills the hole and the free end")
     call check(sum(r%volume), 4.0_wp, 1.0e-13_wp, "plug: everything is filled once")
-    call check_true(all(r%body(r%first(5):r%n) == 5), "plug: numbers count all groups")
   end subroutine owners
 
   !> The number of particles of every body
