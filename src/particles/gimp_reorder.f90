@@ -21,7 +21,7 @@ module gimp_reorder
     integer :: first = 1, last = 0 !! chunks after the move
     integer :: last_old = 0 !! old chunks that lie in the part: `first` to this one
     integer :: depth = 0 !! segments below its own from which a segment still takes particles out of the ring
-    integer :: guests = 0 !! particles from farther away
+    integer(i8) :: guests = 0 !! particles from farther away
     integer(i8) :: ring = 0, guest = 0 !! where these two begin in the buffer, in reals from 0
     logical :: fits = .false. !! the buffer has room for both
   end type part_t
@@ -110,7 +110,7 @@ contains
     integer, intent(in) :: components
     integer(i8), intent(in) :: source(lanes, *)
     type(part_t), intent(inout) :: part
-    integer, allocatable :: from(:) ! (depth) particles that come from so many segments below
+    integer(i8), allocatable :: from(:) ! (depth) particles that come from so many segments below
     integer(i8) :: share, most_guests
     integer :: c, l, deepest, depth
     share = int(lanes, i8)*together*(part%last - part%first + 1)
@@ -120,7 +120,7 @@ contains
     deepest = int((share - share/4)/(int(lanes, i8)*components*segment)) - 1
     part%fits = deepest >= 0 .or. part%last < part%first
     if (deepest < 0) return
-    allocate (from(0:deepest + 1), source=0)
+    allocate (from(0:deepest + 1), source=0_i8)
     do c = part%first, part%last
       do l = 1, lanes
         if (source(l, c) < 0) cycle
@@ -179,8 +179,8 @@ contains
     integer(i8), intent(inout) :: source(lanes, *)
     real(wp), intent(in) :: p(0:*)
     real(wp), intent(inout) :: guest(components, 0:*)
-    integer(i8) :: at
-    integer :: c, l, f, n
+    integer(i8) :: at, n
+    integer :: c, l, f
     n = 0
     if (part%guests == 0) return
     do c = part%first, part%last

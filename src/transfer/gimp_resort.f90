@@ -22,6 +22,7 @@ module gimp_resort
   public :: sort_particles
 
   integer, parameter :: spare = -1 !! the source of a lane without a particle
+  integer, parameter :: most_in_part = 2**21 !! chunks: `home` has room for a block for each of their particles
   integer, parameter :: few = 32 !! particles of a cell that are put in order by insertion
 
   !> Consecutive chunks that one thread works on, and the blocks that their particles go to
@@ -93,7 +94,7 @@ contains
     integer :: k, g, n
     n = omp_get_max_threads()
     if (n > 1) n = 4*n
-    n = max(1, min(n, particles%chunks/16))
+    n = max(1, min(n, particles%chunks/16), particles%chunks/most_in_part + 1)
     allocate (parts(n))
     g = 1
     do k = 1, n
