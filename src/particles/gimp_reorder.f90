@@ -11,7 +11,7 @@ module gimp_reorder
   use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
   implicit none(type, external)
   private
-  public :: reorder_particles, reorder_bytes
+  public :: reorder_particles, reorder_bytes, first_real
 
   integer, parameter :: together = 4 !! components that go through the buffer at once
   integer, parameter :: segment = 16 !! chunks
@@ -197,7 +197,7 @@ contains
     end do
   end subroutine save_guests
 
-  !> Where the first component of a lane stands
+  !> Where the first component of a lane stands, in reals from 0 through all chunks
   pure integer(i8) function first_real(components, lane)
     integer, intent(in) :: components
     integer(i8), intent(in) :: lane
@@ -217,7 +217,7 @@ contains
     integer :: s, c, l, f, length
     length = lanes*components*segment
     part_at = (part%first - 1_i8)*lanes*components
-    do s = 0, (part%last - part%first)/segment
+    do s = 0, (part%last - part%first + segment)/segment - 1
       slot = int(length, i8)*modulo(s, part%depth + 1)
       at = part_at + int(length, i8)*s
       do f = 0, lanes*components*min(segment, part%last_old - part%first - s*segment + 1) - 1
