@@ -7,6 +7,7 @@ module gimp_loads
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, canonical_node
   use gimp_blocks, only: slot_of_node, node_in_block
+  use gimp_particles, only: few_chunks
   use gimp_engine, only: engine_t
   use gimp_time_table, only: time_table_t, factor_at
   implicit none(type, external)
@@ -100,7 +101,7 @@ contains
     integer :: g, c, k
     allocate (loaded(size(engine%particles%groups)), source=.false.)
     associate (particles => engine%particles)
-      !$omp parallel do schedule(static) private(c, k)
+      !$omp parallel do schedule(static) private(c, k) if(particles%chunks > few_chunks)
       do g = 1, size(particles%groups)
         do c = particles%groups(g)%first, particles%groups(g)%last
           if (particles%faces%first > 0) loaded(g) = loaded(g) .or. any(particles%p(:, particles%faces%first, c) > 0.0_wp)

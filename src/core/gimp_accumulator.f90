@@ -6,6 +6,7 @@ module gimp_accumulator
   public :: add_to, block_sum, column_sums
 
   integer, parameter :: batch = 64 !! columns that are added by one thread
+  integer, parameter :: few = 8 !! batches that are not worth waking other threads for
 
 contains
 
@@ -46,7 +47,7 @@ contains
     integer :: k, b, batches
     batches = (size(values, 2) + batch - 1)/batch
     allocate (part(size(sums), batches), carry(size(sums), batches), source=0.0_dp)
-    !$omp parallel do schedule(static) private(k)
+    !$omp parallel do schedule(static) private(k) if(batches > few)
     do b = 1, batches
       do k = (b - 1)*batch + 1, min(b*batch, size(values, 2))
         call add_to(part(:, b), carry(:, b), values(:, k))

@@ -5,8 +5,8 @@ module gimp_measures
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_accumulator, only: column_sums
   use gimp_hash_table, only: mix_bits
-  use gimp_particles, only: particles_t, group_t
   use gimp_material, only: most_states, load_history
+  use gimp_particles, only: particles_t, group_t, few_chunks
   use gimp_engine, only: engine_t
   use gimp_basis, only: basis_cpgimp, list_inertia
   use gimp_verification, only: verification_t, exact_motion, exact_stress
@@ -100,7 +100,8 @@ contains
     real(dp) :: sums(9)
     integer :: g
     allocate (part(9, size(engine%particles%groups)), speed(size(engine%particles%groups)))
-    !$omp parallel do schedule(dynamic, 16)
+    !$omp parallel do schedule(dynamic, 16) &
+    !$omp if(engine%particles%chunks > few_chunks)
     do g = 1, size(engine%particles%groups)
       call measure_group(engine, g, part(:, g), speed(g))
     end do
@@ -183,7 +184,8 @@ contains
     real(dp) :: sums(4)
     integer :: g
     allocate (part(4, size(engine%particles%groups)), largest(3, size(engine%particles%groups)))
-    !$omp parallel do schedule(dynamic, 16)
+    !$omp parallel do schedule(dynamic, 16) &
+    !$omp if(engine%particles%chunks > few_chunks)
     do g = 1, size(engine%particles%groups)
       call group_errors(engine, solution, time, velocity_time, engine%particles%groups(g), part(:, g), largest(:, g))
     end do
@@ -247,7 +249,8 @@ contains
     integer :: g, c, l, f
     part = 0
     associate (particles => engine%particles)
-      !$omp parallel do schedule(dynamic, 16) private(c, l, f, h) reduction(+:part)
+      !$omp parallel do schedule(dynamic, 16) private(c, l, f, h) reduction(+:part) &
+    !$omp if(engine%particles%chunks > few_chunks)
       do g = 1, size(particles%groups)
         do c = particles%groups(g)%first, particles%groups(g)%last
           do l = 1, lanes
@@ -278,7 +281,7 @@ contains
     c = 0
     l = 0
     found = 0 ! no two lanes have the same number
-    !$omp parallel do schedule(static) private(i) reduction(max:found)
+    !$omp parallel do schedule(static) private(i) reduction(max:found) if(particles%chunks > few_chunks)
     do k = 1, particles%chunks
       do i = 1, lanes
         if (particles%id(i, k) == id) found = k
@@ -304,7 +307,8 @@ contains
     real(wp) :: nearest
     integer :: g
     allocate (distance(size(engine%particles%groups)), candidate(size(engine%particles%groups)))
-    !$omp parallel do schedule(dynamic, 16)
+    !$omp parallel do schedule(dynamic, 16) &
+    !$omp if(engine%particles%chunks > few_chunks)
     do g = 1, size(engine%particles%groups)
       call nearest_in_group(engine, engine%particles%groups(g), point, first, last, candidate(g), distance(g))
     end do

@@ -2,6 +2,7 @@
 module gimp_snapshot
   use gimp_kinds, only: wp, i8, lanes
   use gimp_material, only: most_states
+  use gimp_particles, only: few_chunks
   use gimp_engine, only: engine_t
   use gimp_basis, only: basis_cpgimp
   use gimp_verification, only: verification_t, exact_displacement
@@ -45,7 +46,7 @@ contains
     if (engine%particles%chunks > 0) n = maxval(engine%particles%id)
     allocate (place(n), source=0_i8)
     allocate (rank(lanes, engine%particles%chunks), source=0_i8)
-    !$omp parallel do schedule(static) private(l)
+    !$omp parallel do schedule(static) private(l) if(engine%particles%chunks > few_chunks)
     do c = 1, engine%particles%chunks
       do l = 1, lanes
         if (engine%particles%id(l, c) > 0) place(engine%particles%id(l, c)) = 1
@@ -57,7 +58,7 @@ contains
         place(k) = place(k) + place(k - 1)
       end do
     end if
-    !$omp parallel do schedule(static) private(l)
+    !$omp parallel do schedule(static) private(l) if(engine%particles%chunks > few_chunks)
     do c = 1, engine%particles%chunks
       do l = 1, lanes
         rank(l, c) = engine%particles%id(l, c)
@@ -74,7 +75,7 @@ contains
     real(wp), intent(out) :: x(:, :) !! (3, n)
     real(wp) :: here(lanes, 3)
     integer :: g, c, l
-    !$omp parallel do schedule(dynamic, 16) private(c, l, here)
+    !$omp parallel do schedule(dynamic, 16) private(c, l, here) if(engine%particles%chunks > few_chunks)
     do g = 1, size(engine%particles%groups)
       do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
         call chunk_position(engine, engine%particles%groups(g), c, here)
@@ -98,7 +99,7 @@ contains
     real(wp) :: chunk(lanes, 9)
     integer :: g, c, l, n
     n = field_components(name)
-    !$omp parallel do schedule(dynamic, 16) private(c, l, chunk)
+    !$omp parallel do schedule(dynamic, 16) private(c, l, chunk) if(engine%particles%chunks > few_chunks)
     do g = 1, size(engine%particles%groups)
       do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
         call sample_chunk(engine, name, g, c, body_first, solution, time, chunk)

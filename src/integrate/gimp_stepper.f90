@@ -8,6 +8,8 @@ module gimp_stepper
   use gimp_timer, only: seconds_now
   use gimp_accumulator, only: column_sums
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, has_images
+  use gimp_blocks, only: few_blocks
+  use gimp_particles, only: few_chunks
   use gimp_images, only: note_images, fold_images, copy_images
   use gimp_material, only: most_states, load_history
   use gimp_engine, only: engine_t, pass_t, sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, &
@@ -128,7 +130,7 @@ contains
     integer :: g, c, k
     allocate (part(3, size(s%engine%particles%groups)), source=0.0_dp)
     associate (particles => s%engine%particles)
-      !$omp parallel do schedule(static) private(c, k)
+      !$omp parallel do schedule(static) private(c, k) if(particles%chunks > few_chunks)
       do g = 1, size(particles%groups)
         do c = particles%groups(g)%first, particles%groups(g)%last
           do k = 1, s%engine%grid%dim
@@ -153,7 +155,7 @@ contains
     allocate (part(1, size(s%engine%particles%groups)), source=0.0_dp)
     heaviest = 0.0_wp
     associate (particles => s%engine%particles)
-      !$omp parallel do schedule(static) private(c) reduction(max:heaviest)
+      !$omp parallel do schedule(static) private(c) reduction(max:heaviest) if(particles%chunks > few_chunks)
       do g = 1, size(particles%groups)
         do c = particles%groups(g)%first, particles%groups(g)%last
           part(1, g) = part(1, g) + sum(real(particles%p(:, particles%mass%first, c), dp))
@@ -349,7 +351,7 @@ contains
     call sort_particles(s%engine, leaving)
     if (allocated(s%held)) deallocate (s%held)
     allocate (s%held(s%engine%table%slots))
-    !$omp parallel do schedule(static)
+    !$omp parallel do schedule(static) if(s%engine%table%slots > few_blocks)
     do slot = 1, s%engine%table%slots
       s%held(slot) = walls_near(s%walls, s%engine%grid, s%engine%table%slot_at(:, slot))
     end do
@@ -368,7 +370,7 @@ contains
     integer :: g, c, l, k
     associate (particles => s%engine%particles, grid => s%engine%grid)
       allocate (marks(lanes, particles%chunks), marked(size(particles%groups)), source=.false.)
-      !$omp parallel do schedule(static) private(c, l, k, x)
+      !$omp parallel do schedule(static) private(c, l, k, x) if(particles%chunks > few_chunks)
       do g = 1, size(particles%groups)
         do c = particles%groups(g)%first, particles%groups(g)%last
           do l = 1, lanes
@@ -449,7 +451,7 @@ contains
     allocate (part(n_node_sums, s%engine%table%slots))
     associate (engine => s%engine, table => s%engine%table)
       if (at_once) then
-        !$omp parallel do schedule(static) private(raw)
+        !$omp parallel do schedule(static) private(raw) if(table%slots > few_blocks)
         do slot = 1, table%slots
           call sum_pads(engine, slot, raw)
           call update_nodes(step, engine%grid, s%walls, s%held(slot), table%slot_at(:, slot), raw, engine%g(:, :, slot), &
@@ -461,7 +463,7 @@ contains
           if (size(s%raw, 3) /= table%slots) deallocate (s%raw)
         end if
         if (.not. allocated(s%raw)) allocate (s%raw(nf, nodes_per_block, table%slots))
-        !$omp parallel do schedule(static)
+        !$omp parallel do schedule(static) if(table%slots > few_blocks)
         do slot = 1, table%slots
           call sum_pads(engine, slot, s%raw(:, :, slot))
         end do
@@ -475,7 +477,7 @@ contains
           call add_loads(s%loads, engine, table%slots, engine%g, s%cutoff_mass, s%raw, lost)
           s%books%lost_loads = s%books%lost_loads + lost
         end if
-        !$omp parallel do schedule(static)
+        !$omp parallel do schedule(static) if(table%slots > few_blocks)
         do slot = 1, table%slots
           call update_nodes(step, engine%grid, s%walls, s%held(slot), table%slot_at(:, slot), s%raw(:, :, slot), &
                             engine%g(:, :, slot), part(:, slot))
@@ -496,7 +498,7 @@ contains
 
     subroutine copy_masses()
       integer :: k
-      !$omp parallel do schedule(static)
+      !$omp parallel do schedule(static) if(s%engine%table%slots > few_blocks)
       do k = 1, s%engine%table%slots
         s%engine%g(node_mass, :, k) = s%raw(node_mass, :, k)
       end do
@@ -579,7 +581,7 @@ contains
     end if
     v = s%engine%particles%velocity%first
     s%books%impulse = s%books%impulse - momentum_of(s)
-    !$omp parallel do schedule(static) private(k)
+    !$omp parallel do schedule(static) private(k) if(s%engine%particles%chunks > few_chunks)
     do c = 1, s%engine%particles%chunks
       s%engine%particles%p(:, v:v + s%engine%grid%dim - 1, c) = 0.0_wp
       do k = 1, s%engine%particles%affine%components

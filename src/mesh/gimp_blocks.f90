@@ -10,7 +10,9 @@ module gimp_blocks
   use omp_lib, only: omp_get_max_threads
   implicit none(type, external)
   private
-  public :: block_table_t, build_blocks, neighbour, slot_of_node, node_in_block
+  public :: few_blocks, block_table_t, build_blocks, neighbour, slot_of_node, node_in_block
+
+  integer, parameter :: few_blocks = 32 !! up to so many blocks or slots are not worth waking other threads for
 
   !> The active blocks and who neighbours whom
   type :: block_table_t
@@ -68,7 +70,7 @@ contains
     integer :: parts, part, b, k, n, value
     parts = max(1, min(size(at, 2)/64, 2*omp_get_max_threads()))
     allocate (found(parts))
-    !$omp parallel do schedule(dynamic, 1) private(b, k, around, value)
+    !$omp parallel do schedule(dynamic, 1) private(b, k, around, value) if(parts > 1)
     do part = 1, parts
       call clear_table(found(part), 2*(size(at, 2)/parts) + 16)
       do b = 1 + int(int(size(at, 2), i8)*(part - 1)/parts), int(int(size(at, 2), i8)*part/parts)
@@ -107,7 +109,7 @@ contains
     allocate (table%block_near(27, table%slots), source=0)
     allocate (table%own_block(table%slots), source=0)
     allocate (table%block_code(table%blocks))
-    !$omp parallel do schedule(static) private(around, k, s)
+    !$omp parallel do schedule(static) private(around, k, s) if(table%blocks > few_blocks)
     do b = 1, table%blocks
       around = keys_around(table%block_at(:, b))
       table%block_code(b) = around(14)

@@ -12,6 +12,8 @@ module gimp_images
   private
   public :: image_t, images_wanted, build_images, note_images, fold_images, copy_images
 
+  integer, parameter :: few_images = 500 !! not worth waking other threads for
+
   !> One image and the node it stands for
   type :: image_t
     integer :: slot = 0, place = 0 !! of the image
@@ -111,7 +113,7 @@ contains
     real(wp), intent(in) :: g(fields_per_node, nodes_per_block, slots)
     real(wp), intent(out) :: held(fields_per_node, size(images))
     integer :: k
-    !$omp parallel do schedule(static)
+    !$omp parallel do schedule(static) if(size(images) > few_images)
     do k = 1, size(images)
       held(:, k) = g(:, images(k)%place, images(k)%slot)
     end do
@@ -124,8 +126,8 @@ contains
     integer, intent(in) :: slots
     real(wp), intent(inout) :: g(fields_per_node, nodes_per_block, slots)
     integer :: k, part, parts
-    parts = min(size(images), omp_get_max_threads())
-    !$omp parallel do schedule(static) private(k)
+    parts = min(size(images)/few_images + 1, omp_get_max_threads())
+    !$omp parallel do schedule(static) private(k) if(parts > 1)
     do part = 1, parts
       do k = cut(part - 1), cut(part) - 1
         associate (i => images(k))
@@ -156,7 +158,7 @@ contains
     integer, intent(in) :: slots
     real(wp), intent(inout) :: g(fields_per_node, nodes_per_block, slots)
     integer :: k
-    !$omp parallel do schedule(static)
+    !$omp parallel do schedule(static) if(size(images) > few_images)
     do k = 1, size(images)
       associate (i => images(k))
         g(:, i%place, i%slot) = i%sign*g(:, i%target_place, i%target_slot)

@@ -9,7 +9,9 @@ module gimp_particles
   use, intrinsic :: iso_c_binding, only: c_f_pointer
   implicit none(type, external)
   private
-  public :: particles_t, field_t, group_t, add_field, allot_chunks, clear_chunks, live_bytes, chunk_bytes, id_bytes
+  public :: particles_t, field_t, group_t, add_field, allot_chunks, clear_chunks, live_bytes, chunk_bytes, id_bytes, few_chunks
+
+  integer, parameter :: few_chunks = 64 !! up to so many are not worth waking other threads for
 
   !> A named quantity and where its components sit in a chunk
   type :: field_t

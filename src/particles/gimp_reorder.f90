@@ -6,7 +6,7 @@
 !> many come from afar, as in the first sort of a run, a few components of all particles at a time go through the buffer.
 module gimp_reorder
   use gimp_kinds, only: wp, i8, lanes
-  use gimp_particles, only: particles_t, allot_chunks, id_bytes, chunk_bytes
+  use gimp_particles, only: particles_t, allot_chunks, id_bytes, chunk_bytes, few_chunks
   use omp_lib, only: omp_get_max_threads
   use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
   implicit none(type, external)
@@ -67,7 +67,7 @@ contains
     integer(i8), intent(out) :: ids(lanes, chunks)
     integer :: c, l
     integer(i8) :: at
-    !$omp parallel private(l, at)
+    !$omp parallel private(l, at) if(chunks > few_chunks)
     !$omp do schedule(static)
     do c = 1, chunks
       do l = 1, lanes
@@ -93,9 +93,9 @@ contains
     integer(i8), intent(in) :: source(lanes, chunks)
     type(part_t), allocatable, intent(out) :: parts(:)
     integer :: k, n
-    n = max(1, min(omp_get_max_threads(), chunks/segment))
+    n = max(1, min(omp_get_max_threads(), chunks/few_chunks))
     allocate (parts(n))
-    !$omp parallel do schedule(static, 1)
+    !$omp parallel do schedule(static, 1) if(n > 1)
     do k = 1, n
       parts(k)%first = 1 + int(int(chunks, i8)*(k - 1)/n)
       parts(k)%last = int(int(chunks, i8)*k/n)
@@ -158,7 +158,7 @@ contains
     real(wp), intent(inout) :: p(0:int(lanes, i8)*components*room - 1)
     real(wp), intent(inout) :: buffer(0:int(lanes, i8)*together*chunks - 1)
     integer :: k
-    !$omp parallel
+    !$omp parallel if(size(parts) > 1)
     !$omp do schedule(static, 1)
     do k = 1, size(parts)
       call save_guests(parts(k), components, source, p, buffer(parts(k)%guest))
@@ -261,7 +261,7 @@ contains
     real(wp), intent(inout) :: part(lanes, together, chunks)
     integer(i8) :: at
     integer :: c, l, f, k, last
-    !$omp parallel private(l, f, k, at, last)
+    !$omp parallel private(l, f, k, at, last) if(chunks > few_chunks)
     !$omp do schedule(static)
     do c = 1, chunks
       do l = 1, lanes
@@ -302,7 +302,7 @@ contains
   subroutine weigh_spare_lanes(particles)
     type(particles_t), intent(inout) :: particles
     integer :: c, l, q
-    !$omp parallel do schedule(static) private(l, q)
+    !$omp parallel do schedule(static) private(l, q) if(particles%chunks > few_chunks)
     do c = 1, particles%chunks
       if (particles%id(lanes, c) > 0) cycle ! spare lanes come last
       do l = 2, lanes

@@ -167,7 +167,7 @@ contains
     spill%n = 0
     call make_room(spill, n)
     spill%n = n
-    !$omp parallel do schedule(static)
+    !$omp parallel do schedule(static) if(n > 1000)
     do k = 1, n
       spill%block(k) = all%block(order(k))
       spill%slot(k) = all%slot(order(k))

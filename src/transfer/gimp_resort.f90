@@ -11,7 +11,7 @@ module gimp_resort
   use gimp_images, only: images_wanted, build_images
   use gimp_hash_table, only: hash_table_t, clear_table, insert_key
   use gimp_sorting, only: rank_keys, sort_order
-  use gimp_particles, only: particles_t, group_t
+  use gimp_particles, only: particles_t, group_t, few_chunks
   use gimp_reorder, only: reorder_particles, reorder_bytes
   use gimp_basis, only: basis_linear, basis_cpgimp, narrow_half
   use gimp_engine, only: engine_t, allot_grid, borrow_pads
@@ -23,6 +23,7 @@ module gimp_resort
 
   integer, parameter :: spare = -1 !! the source of a lane without a particle
   integer, parameter :: most_in_part = 2**21 !! chunks: `home` has room for a block for each of their particles
+  integer, parameter :: few_groups = 16 !! not worth waking other threads for
   integer, parameter :: few = 32 !! particles of a cell that are put in order by insertion
 
   !> Consecutive chunks that one thread works on, and the blocks that their particles go to
@@ -53,7 +54,7 @@ contains
 
     call cut_chunks(engine%particles, parts)
     allocate (home(lanes, engine%particles%chunks))
-    !$omp parallel do schedule(dynamic, 1)
+    !$omp parallel do schedule(dynamic, 1) if(size(parts) > 1)
     do k = 1, size(parts)
       call find_homes(engine, parts(k), home, remove)
     end do
@@ -68,7 +69,7 @@ contains
     source_bytes = source_size(chunks)
     call borrow_pads(engine, [source_bytes, reorder_bytes(chunks)], memory, buffer)
     call c_f_pointer(memory, source, [int(lanes, i8)*chunks])
-    !$omp parallel do schedule(dynamic, 1)
+    !$omp parallel do schedule(dynamic, 1) if(size(parts) > 1)
     do k = 1, size(parts)
       call list_sources(engine%particles, parts(k), home, source)
     end do
@@ -94,7 +95,7 @@ contains
     integer :: k, g, n
     n = omp_get_max_threads()
     if (n > 1) n = 4*n
-    n = max(1, min(n, particles%chunks/16), particles%chunks/most_in_part + 1)
+    n = max(1, min(n, particles%chunks/few_chunks), particles%chunks/most_in_part + 1)
     allocate (parts(n))
     g = 1
     do k = 1, n
@@ -318,7 +319,7 @@ contains
     integer :: g, most
     most = 0
     if (size(in_group) > 0) most = maxval(in_group)
-    !$omp parallel private(lane, id, first)
+    !$omp parallel private(lane, id, first) if(size(in_group) > few_groups)
     allocate (lane(most), id(most))
     !$omp do schedule(dynamic, 16)
     do g = 1, size(in_group)
