@@ -44,8 +44,16 @@ contains
     integer :: c, l
     n = 0
     if (engine%particles%chunks > 0) n = maxval(engine%particles%id)
+    allocate (rank(lanes, engine%particles%chunks))
+    if (engine%particles%n == n) then ! nobody is gone: the place is the number
+      !$omp parallel do schedule(static) if(engine%particles%chunks > few_chunks)
+      do c = 1, engine%particles%chunks
+        rank(:, c) = engine%particles%id(:, c)
+      end do
+      !$omp end parallel do
+      return
+    end if
     allocate (place(n), source=0_i8)
-    allocate (rank(lanes, engine%particles%chunks), source=0_i8)
     !$omp parallel do schedule(static) private(l) if(engine%particles%chunks > few_chunks)
     do c = 1, engine%particles%chunks
       do l = 1, lanes
@@ -53,16 +61,14 @@ contains
       end do
     end do
     !$omp end parallel do
-    if (engine%particles%n < n) then ! some are gone: those behind them move up
-      do k = 2, n
-        place(k) = place(k) + place(k - 1)
-      end do
-    end if
+    do k = 2, n
+      place(k) = place(k) + place(k - 1)
+    end do
     !$omp parallel do schedule(static) private(l) if(engine%particles%chunks > few_chunks)
     do c = 1, engine%particles%chunks
       do l = 1, lanes
-        rank(l, c) = engine%particles%id(l, c)
-        if (engine%particles%id(l, c) > 0 .and. engine%particles%n < n) rank(l, c) = place(engine%particles%id(l, c))
+        rank(l, c) = 0
+        if (engine%particles%id(l, c) > 0) rank(l, c) = place(engine%particles%id(l, c))
       end do
     end do
     !$omp end parallel do

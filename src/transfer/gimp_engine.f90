@@ -13,7 +13,8 @@ module gimp_engine
   implicit none(type, external)
   private
   public :: engine_bytes, affine_none, affine_apic, affine_tpic, affine_mls
-  public :: engine_t, law_t, pass_t, spill_t, body_force_t, allot_grid, borrow_pads, cut_tasks, make_room, pad_bytes, grid_bytes, pad_nodes, pad_edge, drift
+  public :: engine_t, law_t, pass_t, spill_t, body_force_t, pad_nodes, pad_edge, drift
+  public :: allot_grid, borrow_pads, make_room, pad_bytes, grid_bytes
   public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, n_sums
   public :: peak_rate, peak_speed, peak_strain, n_peaks
   public :: fate_fine, fate_inverted, fate_outside, fate_lost, fate_jumped
