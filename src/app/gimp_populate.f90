@@ -7,7 +7,7 @@ module gimp_populate
     shape_center
   use gimp_fill, only: fill_t, fill_body_t, fill_bodies
   use gimp_particle_file, only: particle_table_t, read_particle_file
-  use gimp_particles, only: particles_t, add_field, allot_chunks, swap_chunks, group_t
+  use gimp_particles, only: particles_t, add_field, allot_chunks, clear_chunks, group_t
   use gimp_basis, only: basis_linear, basis_cpgimp
   use gimp_domains, only: domain_half_lengths
   use gimp_verification, only: verification_t, exact_motion
@@ -220,9 +220,7 @@ contains
       chunks = chunks + int((in_material + lanes - 1)/lanes)
     end do
     call allot_chunks(s%engine%particles, chunks)
-    call swap_chunks(s%engine%particles)
-    s%engine%particles%p = 0.0_wp
-    s%engine%particles%id = 0
+    call clear_chunks(s%engine%particles)
     do m = 1, size(s%engine%particles%groups)
       call fill_group(scene, s, solution, population, material_of, s%engine%particles%groups(m), error)
       if (allocated(error)) return
@@ -305,30 +303,42 @@ contains
     type(group_t), intent(in) :: group
     type(error_t), allocatable, intent(out) :: error
     real(wp), allocatable :: stress(:, :, :)
-    integer(i8) :: i
+    integer(i8) :: i, before
     integer :: b, c, l
-    allocate (stress(lanes, 6, group%first:group%last), source=0.0_wp)
-    c = group%first
-    l = 0
+    allocate (stress(lanes, 6, group%first:merge(group%last, group%first, has_stress())), source=0.0_wp)
+    before = 0 ! particles of the group in the bodies before this one
     do b = 1, size(material_of)
       if (material_of(b) /= group%material) cycle
+      !$omp parallel do schedule(static) private(c, l)
       do i = 1, population%count(b)
-        l = l + 1
-        if (l > lanes) then
-          l = 1
-          c = c + 1
-        end if
+        c = group%first + int((before + i - 1)/lanes)
+        l = 1 + int(modulo(before + i - 1, int(lanes, i8)))
         s%engine%particles%id(l, c) = population%first(b) + i - 1
-        call place_particle(s, population, b, i, group%material, l, c, stress(:, :, c))
+        call place_particle(s, population, b, i, group%material, l, c, stress(:, :, min(c, ubound(stress, 3))))
       end do
+      !$omp end parallel do
+      before = before + population%count(b)
       call start_body(scene, s, solution, population, b)
     end do
-    do l = l + 1, lanes ! spare lanes of the last chunk: twins without mass
+    c = group%last
+    do l = 1 + int(modulo(before - 1, int(lanes, i8))) + 1, lanes ! spare lanes of the last chunk: twins without mass
       s%engine%particles%p(l, :, c) = s%engine%particles%p(1, :, c)
       s%engine%particles%p(l, s%engine%particles%mass%first, c) = 0.0_wp
       s%engine%particles%p(l, s%engine%particles%volume%first, c) = 0.0_wp
     end do
     call start_states(s, group, stress)
+
+  contains
+
+    !> Whether some particle of the group begins with a stress; else one chunk of zeros serves all
+    pure logical function has_stress()
+      integer :: k
+      has_stress = .false.
+      do k = 1, size(material_of)
+        if (material_of(k) == group%material) has_stress = has_stress .or. allocated(population%table(k)%stress)
+      end do
+    end function has_stress
+
   end subroutine fill_group
 
   !> Position, mass, volume, half lengths and what a file says about one particle
@@ -425,6 +435,7 @@ contains
 
     associate (p => s%engine%particles)
       do g = 1, size(p%groups)
+        !$omp parallel do schedule(static) private(l, k, x, faces, marks)
         do c = p%groups(g)%first, p%groups(g)%last
           if (exact) call start_exactly(s, solution, population, b, c)
           do l = 1, lanes
@@ -446,6 +457,7 @@ contains
             p%p(l, p%faces%first, c) = real(marks, wp)
           end do
         end do
+        !$omp end parallel do
       end do
     end associate
   end subroutine start_body
@@ -507,11 +519,12 @@ contains
   subroutine start_states(s, group, stress)
     type(stepper_t), intent(inout) :: s
     type(group_t), intent(in) :: group
-    real(wp), intent(in) :: stress(lanes, 6, group%first:group%last)
+    real(wp), intent(in) :: stress(:, :, :) !! (lane, component, chunk of the group), or one chunk for all [Pa]
     real(wp) :: f(lanes, 9), half0(lanes, 3), half(lanes, 3), history(lanes, most_states)
     integer :: c, d, i, j, k, q, clamped
     d = s%engine%grid%dim
     associate (p => s%engine%particles, law => s%engine%laws(group%material)%law)
+      !$omp parallel do schedule(static) private(f, half0, half, history, i, j, k, q, clamped)
       do c = group%first, group%last
         f = 0.0_wp
         f(:, 1:9:4) = 1.0_wp
@@ -522,7 +535,7 @@ contains
         end do
         if (law%states > 0) then
           history = 0.0_wp
-          call law%start_state(f, stress(:, :, c), history)
+          call law%start_state(f, stress(:, :, min(c - group%first + 1, size(stress, 3))), history)
           q = p%state%first
           p%p(:, q:q + p%state%components - 1, c) = history(:, :p%state%components)
         end if
@@ -536,6 +549,7 @@ contains
         call domain_half_lengths(s%engine%domain_rule, d, f, half0, half, clamped)
         p%p(:, p%domain%first:p%domain%first + d - 1, c) = half(:, :d)
       end do
+      !$omp end parallel do
     end associate
   end subroutine start_states
 

@@ -7,6 +7,7 @@ module gimp_loads
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, canonical_node, block_of_node
   use gimp_blocks, only: slot_of_node, node_in_block
+  use gimp_particles, only: few_chunks
   use gimp_engine, only: engine_t
   use gimp_splines, only: spline_t, make_spline
   use gimp_basis, only: weight_list_t, make_weight_list, spline_degree
@@ -65,14 +66,17 @@ contains
     type(loads_t), intent(inout) :: loads
     type(engine_t), intent(in) :: engine
     real(wp), intent(in) :: time !! [s]
+    logical, allocatable :: loaded(:)
     integer :: g, c, l, k
     integer(i8) :: marks
     loads%n = 0
     if (.not. allocated(loads%load)) return
     if (size(loads%load) == 0) return
     if (.not. allocated(loads%x)) allocate (loads%x(3, 64), loads%f(3, 64))
+    call find_loaded(loads, engine, loaded)
     associate (particles => engine%particles)
       do g = 1, size(particles%groups)
+        if (.not. loaded(g)) cycle
         do c = particles%groups(g)%first, particles%groups(g)%last
           do l = 1, lanes
             if (particles%id(l, c) == 0) cycle
@@ -91,6 +95,28 @@ contains
       end do
     end associate
   end subroutine collect_loads
+
+  !> Which groups hold loaded particles: few do, so that the rest of the work is small
+  subroutine find_loaded(loads, engine, loaded)
+    type(loads_t), intent(in) :: loads
+    type(engine_t), intent(in) :: engine
+    logical, allocatable, intent(out) :: loaded(:) !! (group)
+    integer :: g, c, k
+    allocate (loaded(size(engine%particles%groups)), source=.false.)
+    associate (particles => engine%particles)
+      !$omp parallel do schedule(static) private(c, k) if(particles%chunks > few_chunks)
+      do g = 1, size(particles%groups)
+        do c = particles%groups(g)%first, particles%groups(g)%last
+          if (particles%faces%first > 0) loaded(g) = loaded(g) .or. any(particles%p(:, particles%faces%first, c) > 0.0_wp)
+          do k = 1, size(loads%load)
+            if (loads%load(k)%kind == load_point) loaded(g) = loaded(g) .or. any(particles%id(:, c) == loads%load(k)%id)
+          end do
+          if (loaded(g)) exit
+        end do
+      end do
+      !$omp end parallel do
+    end associate
+  end subroutine find_loaded
 
   !> Position of a particle in cells from the corner of the box
   pure function place_of(engine, g, c, l) result(x)

@@ -3,7 +3,7 @@ module gimp_hash_table
   use gimp_kinds, only: i8
   implicit none(type, external)
   private
-  public :: hash_table_t, clear_table, insert_key, find_key, mix_bits
+  public :: hash_table_t, clear_table, insert_key, find_key, list_keys, mix_bits
 
   integer(i8), parameter :: empty = -huge(0_i8) - 1_i8 !! no key has this value
 
@@ -95,6 +95,21 @@ contains
     end do
   end function find_key
 
+  !> All keys of a table, in any order
+  pure subroutine list_keys(table, keys)
+    type(hash_table_t), intent(in) :: table
+    integer(i8), intent(out) :: keys(table%n)
+    integer(i8) :: k
+    integer :: n
+    n = 0
+    do k = 0, table%mask
+      if (table%key(k) == empty) cycle
+      n = n + 1
+      keys(n) = table%key(k)
+    end do
+  end subroutine list_keys
+
+  !> Twice the slots
   subroutine grow(table)
     type(hash_table_t), intent(inout) :: table
     integer(i8), allocatable :: keys(:)

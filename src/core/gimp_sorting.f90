@@ -3,7 +3,7 @@ module gimp_sorting
   use gimp_kinds, only: i8
   implicit none(type, external)
   private
-  public :: sort_order
+  public :: sort_order, rank_keys
 
 contains
 
@@ -44,5 +44,27 @@ contains
       order = other
     end do
   end subroutine sort_order
+
+  !> The distinct keys in ascending order, and the place of every key among them
+  subroutine rank_keys(key, distinct, rank)
+    integer(i8), intent(in) :: key(:)
+    integer(i8), allocatable, intent(out) :: distinct(:)
+    integer, allocatable, intent(out) :: rank(:) !! distinct(rank(i)) = key(i)
+    integer, allocatable :: order(:)
+    integer :: i, n
+    call sort_order(key, order)
+    allocate (rank(size(key)), distinct(size(key)))
+    n = 0
+    do i = 1, size(key)
+      if (n == 0) then
+        n = 1
+      else if (distinct(n) /= key(order(i))) then
+        n = n + 1
+      end if
+      distinct(n) = key(order(i))
+      rank(order(i)) = n
+    end do
+    distinct = distinct(:n)
+  end subroutine rank_keys
 
 end module gimp_sorting

@@ -3,9 +3,10 @@
 !> Every sum is formed per group of particles and then added in block order, so that it does not depend on how a run is cut.
 module gimp_measures
   use gimp_kinds, only: wp, dp, i8, lanes
+  use gimp_accumulator, only: column_sums
   use gimp_hash_table, only: mix_bits
-  use gimp_particles, only: particles_t, group_t
   use gimp_material, only: most_states
+  use gimp_particles, only: particles_t, group_t, few_chunks
   use gimp_engine, only: engine_t
   use gimp_chunk_state, only: chunk_deformation, chunk_history
   use gimp_splines, only: make_spline
@@ -66,46 +67,62 @@ contains
     end do
   end subroutine chunk_stress
 
-  !> Sums over all particles; `energies` asks for the stored energy too
+  !> Sums over all particles
   subroutine measure_totals(engine, totals)
     type(engine_t), intent(in) :: engine
     type(totals_t), intent(out) :: totals
-    type(totals_t) :: part
+    real(dp), allocatable :: part(:, :), speed(:) ! (sum, group)
+    real(dp) :: sums(9)
+    integer :: g
+    allocate (part(9, size(engine%particles%groups)), speed(size(engine%particles%groups)))
+    !$omp parallel do schedule(dynamic, 16) &
+    !$omp if(engine%particles%chunks > few_chunks)
+    do g = 1, size(engine%particles%groups)
+      call measure_group(engine, g, part(:, g), speed(g))
+    end do
+    !$omp end parallel do
+    call column_sums(part, sums)
+    totals%mass = sums(1)
+    totals%kinetic = sums(2)
+    totals%stored = sums(3)
+    totals%momentum = sums(4:6)
+    totals%angular_momentum = sums(7:9)
+    if (size(speed) > 0) totals%speed = maxval(speed)
+  end subroutine measure_totals
+
+  !> Mass, kinetic and stored energy, momentum and angular momentum of a group, and its largest speed
+  subroutine measure_group(engine, g, sums, speed)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: g
+    real(dp), intent(out) :: sums(9), speed
     real(wp) :: f(lanes, 9), energy(lanes), x(lanes, 3), v(lanes, 3), history(lanes, most_states)
     real(dp) :: m, mv(3)
-    integer :: g, c, l, d
+    integer :: c, l, d
     d = engine%grid%dim
-    associate (particles => engine%particles)
-      do g = 1, size(particles%groups)
-        part = totals_t()
-        do c = particles%groups(g)%first, particles%groups(g)%last
-          call chunk_deformation(particles, c, f)
-          call chunk_position(engine, particles%groups(g), c, x)
-          v = 0.0_wp
-          v(:, :d) = particles%p(:, particles%velocity%first:particles%velocity%first + d - 1, c)
-          call chunk_history(particles, c, history)
-          call engine%laws(particles%groups(g)%material)%law%stored_energy(f, history, energy)
-          do l = 1, lanes
-            m = real(particles%p(l, particles%mass%first, c), dp)
-            mv = m*real(v(l, :), dp)
-            part%mass = part%mass + m
-            part%kinetic = part%kinetic + 0.5_dp*dot_product(mv, real(v(l, :), dp))
-            part%stored = part%stored + real(particles%p(l, particles%volume%first, c), dp)*real(energy(l), dp)
-            part%momentum = part%momentum + mv
-            part%angular_momentum = part%angular_momentum + [x(l, 2)*mv(3) - x(l, 3)*mv(2), x(l, 3)*mv(1) - x(l, 1)*mv(3), &
-                                                             x(l, 1)*mv(2) - x(l, 2)*mv(1)]
-            if (particles%affine%first > 0) part%angular_momentum = part%angular_momentum + affine_spin(engine, particles%groups(g)%at, c, l, m)
-            totals%speed = max(totals%speed, sqrt(sum(real(v(l, :), dp)**2)))
-          end do
+    sums = 0.0_dp
+    speed = 0.0_dp
+    associate (particles => engine%particles, group => engine%particles%groups(g))
+      do c = group%first, group%last
+        call chunk_deformation(particles, c, f)
+        call chunk_position(engine, group, c, x)
+        v = 0.0_wp
+        v(:, :d) = particles%p(:, particles%velocity%first:particles%velocity%first + d - 1, c)
+        call chunk_history(particles, c, history)
+        call engine%laws(group%material)%law%stored_energy(f, history, energy)
+        do l = 1, lanes
+          m = real(particles%p(l, particles%mass%first, c), dp)
+          mv = m*real(v(l, :), dp)
+          sums(1) = sums(1) + m
+          sums(2) = sums(2) + 0.5_dp*dot_product(mv, real(v(l, :), dp))
+          sums(3) = sums(3) + real(particles%p(l, particles%volume%first, c), dp)*real(energy(l), dp)
+          sums(4:6) = sums(4:6) + mv
+          sums(7:9) = sums(7:9) + [x(l, 2)*mv(3) - x(l, 3)*mv(2), x(l, 3)*mv(1) - x(l, 1)*mv(3), x(l, 1)*mv(2) - x(l, 2)*mv(1)]
+          if (particles%affine%first > 0) sums(7:9) = sums(7:9) + affine_spin(engine, group%at, c, l, m)
+          speed = max(speed, sqrt(sum(real(v(l, :), dp)**2)))
         end do
-        totals%mass = totals%mass + part%mass
-        totals%kinetic = totals%kinetic + part%kinetic
-        totals%stored = totals%stored + part%stored
-        totals%momentum = totals%momentum + part%momentum
-        totals%angular_momentum = totals%angular_momentum + part%angular_momentum
       end do
     end associate
-  end subroutine measure_totals
+  end subroutine measure_group
 
   !> Angular momentum of the velocity gradient that a particle carries: m (C D - (C D)^T) (Jiang et al. 2015) [kg m2/s]
   pure function affine_spin(engine, at, c, l, m) result(spin)
@@ -138,51 +155,64 @@ contains
     type(verification_t), intent(in) :: solution
     real(wp), intent(in) :: time, velocity_time !! [s]
     type(errors_t), intent(out) :: errors
-    real(wp) :: x(lanes, 3), reference(lanes, 3), u(lanes, 3), v(lanes, 3), f(lanes, 9), sigma(lanes, 6), exact(lanes, 6)
-    real(wp) :: j(lanes), ignored(lanes, 3)
-    real(dp) :: e(3), part(3), volume, all_volume, sums(3), w
-    integer :: g, c, l, d, q
-    d = engine%grid%dim
-    all_volume = 0.0_dp
-    sums = 0.0_dp
-    associate (particles => engine%particles)
-      q = particles%reference%first
-      do g = 1, size(particles%groups)
-        part = 0.0_dp
-        volume = 0.0_dp
-        do c = particles%groups(g)%first, particles%groups(g)%last
-          call chunk_position(engine, particles%groups(g), c, x)
-          reference = 0.0_wp
-          reference(:, :d) = particles%p(:, q:q + d - 1, c)
-          call exact_motion(solution, velocity_time, reference, ignored, v, f)
-          call exact_motion(solution, time, reference, u, ignored, f)
-          call exact_stress(solution, time, reference, exact)
-          call chunk_stress(engine, particles%groups(g), c, sigma, j)
-          do l = 1, lanes
-            if (particles%id(l, c) == 0) cycle
-            w = real(particles%p(l, particles%volume%first, c), dp)
-            e(1) = sum(real(x(l, :d) - reference(l, :d) - u(l, :d), dp)**2)
-            e(2) = sum(real(particles%p(l, particles%velocity%first:particles%velocity%first + d - 1, c) - v(l, :d), dp)**2)
-            e(3) = sum(real(sigma(l, :3) - exact(l, :3), dp)**2) + 2.0_dp*sum(real(sigma(l, 4:) - exact(l, 4:), dp)**2)
-            part = part + w*e
-            volume = volume + w
-            errors%max = max(errors%max, e(1))
-            errors%max_velocity = max(errors%max_velocity, e(2))
-            errors%max_stress = max(errors%max_stress, e(3))
-          end do
-        end do
-        sums = sums + part
-        all_volume = all_volume + volume
-      end do
-    end associate
-    if (all_volume > 0.0_dp) sums = sqrt(sums/all_volume)
+    real(dp), allocatable :: part(:, :), largest(:, :) ! (sum, group): of position, velocity, stress, volume
+    real(dp) :: sums(4)
+    integer :: g
+    allocate (part(4, size(engine%particles%groups)), largest(3, size(engine%particles%groups)))
+    !$omp parallel do schedule(dynamic, 16) &
+    !$omp if(engine%particles%chunks > few_chunks)
+    do g = 1, size(engine%particles%groups)
+      call group_errors(engine, solution, time, velocity_time, engine%particles%groups(g), part(:, g), largest(:, g))
+    end do
+    !$omp end parallel do
+    call column_sums(part, sums)
+    if (sums(4) > 0.0_dp) sums(:3) = sqrt(sums(:3)/sums(4))
     errors%rms = sums(1)
     errors%rms_velocity = sums(2)
     errors%rms_stress = sums(3)
-    errors%max = sqrt(errors%max)
-    errors%max_velocity = sqrt(errors%max_velocity)
-    errors%max_stress = sqrt(errors%max_stress)
+    if (size(largest) == 0) return
+    errors%max = sqrt(maxval(largest(1, :)))
+    errors%max_velocity = sqrt(maxval(largest(2, :)))
+    errors%max_stress = sqrt(maxval(largest(3, :)))
   end subroutine measure_errors
+
+  !> Squared errors of a group: sums over its particles times volume, its volume, and the largest ones
+  subroutine group_errors(engine, solution, time, velocity_time, group, sums, largest)
+    type(engine_t), intent(in) :: engine
+    type(verification_t), intent(in) :: solution
+    real(wp), intent(in) :: time, velocity_time !! [s]
+    type(group_t), intent(in) :: group
+    real(dp), intent(out) :: sums(4), largest(3)
+    real(wp) :: x(lanes, 3), reference(lanes, 3), u(lanes, 3), v(lanes, 3), f(lanes, 9), sigma(lanes, 6), exact(lanes, 6)
+    real(wp) :: j(lanes), ignored(lanes, 3)
+    real(dp) :: e(3), w
+    integer :: c, l, d, q
+    d = engine%grid%dim
+    q = engine%particles%reference%first
+    sums = 0.0_dp
+    largest = 0.0_dp
+    associate (particles => engine%particles)
+      do c = group%first, group%last
+        call chunk_position(engine, group, c, x)
+        reference = 0.0_wp
+        reference(:, :d) = particles%p(:, q:q + d - 1, c)
+        call exact_motion(solution, velocity_time, reference, ignored, v, f)
+        call exact_motion(solution, time, reference, u, ignored, f)
+        call exact_stress(solution, time, reference, exact)
+        call chunk_stress(engine, group, c, sigma, j)
+        do l = 1, lanes
+          if (particles%id(l, c) == 0) cycle
+          w = real(particles%p(l, particles%volume%first, c), dp)
+          e(1) = sum(real(x(l, :d) - reference(l, :d) - u(l, :d), dp)**2)
+          e(2) = sum(real(particles%p(l, particles%velocity%first:particles%velocity%first + d - 1, c) - v(l, :d), dp)**2)
+          e(3) = sum(real(sigma(l, :3) - exact(l, :3), dp)**2) + 2.0_dp*sum(real(sigma(l, 4:) - exact(l, 4:), dp)**2)
+          sums(:3) = sums(:3) + w*e
+          sums(4) = sums(4) + w
+          largest = max(largest, e)
+        end do
+      end do
+    end associate
+  end subroutine group_errors
 
   !> Order-free hash of the whole state: the sum over particles of hash(id, block, bits of every live field), plus step and
   !> time. Two runs with the same hash have the same bits.
@@ -190,10 +220,12 @@ contains
     type(engine_t), intent(in) :: engine
     integer(i8), intent(in) :: step
     real(wp), intent(in) :: time
-    integer(i8) :: h
+    integer(i8) :: h, part
     integer :: g, c, l, f
-    hash = mix_bits(step) + mix_bits(transfer(real(time, dp), 0_i8))
+    part = 0
     associate (particles => engine%particles)
+      !$omp parallel do schedule(dynamic, 16) private(c, l, f, h) reduction(+:part) &
+    !$omp if(engine%particles%chunks > few_chunks)
       do g = 1, size(particles%groups)
         do c = particles%groups(g)%first, particles%groups(g)%last
           do l = 1, lanes
@@ -205,32 +237,39 @@ contains
             do f = 1, particles%components
               h = mix_bits(ieor(h, transfer(real(particles%p(l, f, c), dp), 0_i8)))
             end do
-            hash = hash + h
+            part = part + h
           end do
         end do
       end do
+      !$omp end parallel do
     end associate
+    hash = mix_bits(step) + mix_bits(transfer(real(time, dp), 0_i8)) + part
   end function state_hash
 
   !> Chunk and lane of the particle with a number; chunk 0 when it is gone
-  pure subroutine find_particle(particles, id, group, c, l)
+  subroutine find_particle(particles, id, group, c, l)
     type(particles_t), intent(in) :: particles
     integer(i8), intent(in) :: id
     integer, intent(out) :: group, c, l
-    integer :: g
+    integer :: k, g, i, found
     group = 0
     c = 0
     l = 0
-    do g = 1, size(particles%groups)
-      do c = particles%groups(g)%first, particles%groups(g)%last
-        do l = 1, lanes
-          if (particles%id(l, c) /= id) cycle
-          group = g
-          return
-        end do
+    found = 0 ! no two lanes have the same number
+    !$omp parallel do schedule(static) private(i) reduction(max:found) if(particles%chunks > few_chunks)
+    do k = 1, particles%chunks
+      do i = 1, lanes
+        if (particles%id(i, k) == id) found = k
       end do
     end do
-    c = 0
+    !$omp end parallel do
+    if (found == 0) return
+    c = found
+    l = findloc(particles%id(:, c), id, dim=1)
+    do g = 1, size(particles%groups)
+      if (particles%groups(g)%last >= c) exit
+    end do
+    group = g
   end subroutine find_particle
 
   !> The particle nearest to a point, the one with the smallest number where several are equally near; numbers may be limited
@@ -238,25 +277,50 @@ contains
     type(engine_t), intent(in) :: engine
     real(wp), intent(in) :: point(:) !! (dim) [m]
     integer(i8), intent(in) :: first, last !! range of numbers
-    real(wp) :: x(lanes, 3), nearest, r2
-    integer :: g, c, l, d
+    real(wp), allocatable :: distance(:)
+    integer(i8), allocatable :: candidate(:)
+    real(wp) :: nearest
+    integer :: g
+    allocate (distance(size(engine%particles%groups)), candidate(size(engine%particles%groups)))
+    !$omp parallel do schedule(dynamic, 16) &
+    !$omp if(engine%particles%chunks > few_chunks)
+    do g = 1, size(engine%particles%groups)
+      call nearest_in_group(engine, engine%particles%groups(g), point, first, last, candidate(g), distance(g))
+    end do
+    !$omp end parallel do
+    id = 0
+    nearest = huge(1.0_wp)
+    do g = 1, size(candidate)
+      if (candidate(g) == 0 .or. distance(g) > nearest .or. (distance(g) == nearest .and. candidate(g) > id)) cycle
+      nearest = distance(g)
+      id = candidate(g)
+    end do
+  end function nearest_particle
+
+  subroutine nearest_in_group(engine, group, point, first, last, id, nearest)
+    type(engine_t), intent(in) :: engine
+    type(group_t), intent(in) :: group
+    real(wp), intent(in) :: point(:)
+    integer(i8), intent(in) :: first, last
+    integer(i8), intent(out) :: id
+    real(wp), intent(out) :: nearest !! squared distance [m2]
+    real(wp) :: x(lanes, 3), r2
+    integer :: c, l, d
     d = engine%grid%dim
     id = 0
     nearest = huge(1.0_wp)
-    do g = 1, size(engine%particles%groups)
-      do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
-        call chunk_position(engine, engine%particles%groups(g), c, x)
-        do l = 1, lanes
-          associate (this => engine%particles%id(l, c))
-            if (this < max(1_i8, first) .or. this > last) cycle
-            r2 = sum((x(l, :d) - point(:d))**2)
-            if (r2 > nearest .or. (r2 == nearest .and. this > id)) cycle
-            nearest = r2
-            id = this
-          end associate
-        end do
+    do c = group%first, group%last
+      call chunk_position(engine, group, c, x)
+      do l = 1, lanes
+        associate (this => engine%particles%id(l, c))
+          if (this < max(1_i8, first) .or. this > last) cycle
+          r2 = sum((x(l, :d) - point(:d))**2)
+          if (r2 > nearest .or. (r2 == nearest .and. this > id)) cycle
+          nearest = r2
+          id = this
+        end associate
       end do
     end do
-  end function nearest_particle
+  end subroutine nearest_in_group
 
 end module gimp_measures

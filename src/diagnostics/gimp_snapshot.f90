@@ -2,6 +2,7 @@
 module gimp_snapshot
   use gimp_kinds, only: wp, i8, lanes
   use gimp_material, only: most_states
+  use gimp_particles, only: few_chunks
   use gimp_engine, only: engine_t
   use gimp_basis, only: basis_cpgimp
   use gimp_verification, only: verification_t, exact_displacement
@@ -43,21 +44,34 @@ contains
     integer :: c, l
     n = 0
     if (engine%particles%chunks > 0) n = maxval(engine%particles%id)
+    allocate (rank(lanes, engine%particles%chunks))
+    if (engine%particles%n == n) then ! nobody is gone: the place is the number
+      !$omp parallel do schedule(static) if(engine%particles%chunks > few_chunks)
+      do c = 1, engine%particles%chunks
+        rank(:, c) = engine%particles%id(:, c)
+      end do
+      !$omp end parallel do
+      return
+    end if
     allocate (place(n), source=0_i8)
-    allocate (rank(lanes, engine%particles%chunks), source=0_i8)
+    !$omp parallel do schedule(static) private(l) if(engine%particles%chunks > few_chunks)
     do c = 1, engine%particles%chunks
       do l = 1, lanes
         if (engine%particles%id(l, c) > 0) place(engine%particles%id(l, c)) = 1
       end do
     end do
+    !$omp end parallel do
     do k = 2, n
       place(k) = place(k) + place(k - 1)
     end do
+    !$omp parallel do schedule(static) private(l) if(engine%particles%chunks > few_chunks)
     do c = 1, engine%particles%chunks
       do l = 1, lanes
+        rank(l, c) = 0
         if (engine%particles%id(l, c) > 0) rank(l, c) = place(engine%particles%id(l, c))
       end do
     end do
+    !$omp end parallel do
   end subroutine rank_particles
 
   !> Positions in metres, three components
@@ -67,6 +81,7 @@ contains
     real(wp), intent(out) :: x(:, :) !! (3, n)
     real(wp) :: here(lanes, 3)
     integer :: g, c, l
+    !$omp parallel do schedule(dynamic, 16) private(c, l, here) if(engine%particles%chunks > few_chunks)
     do g = 1, size(engine%particles%groups)
       do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
         call chunk_position(engine, engine%particles%groups(g), c, here)
@@ -75,6 +90,7 @@ contains
         end do
       end do
     end do
+    !$omp end parallel do
   end subroutine sample_positions
 
   !> One field by name
@@ -89,6 +105,7 @@ contains
     real(wp) :: chunk(lanes, 9)
     integer :: g, c, l, n
     n = field_components(name)
+    !$omp parallel do schedule(dynamic, 16) private(c, l, chunk) if(engine%particles%chunks > few_chunks)
     do g = 1, size(engine%particles%groups)
       do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
         call sample_chunk(engine, name, g, c, body_first, solution, time, chunk)
@@ -97,6 +114,7 @@ contains
         end do
       end do
     end do
+    !$omp end parallel do
   end subroutine sample_field
 
   subroutine sample_chunk(engine, name, g, c, body_first, solution, time, chunk)

@@ -7,7 +7,7 @@ module gimp_saved_state
   use gimp_storage, only: storage_t, reserve_storage
   use gimp_blocks, only: build_blocks
   use gimp_images, only: images_wanted, build_images
-  use gimp_particles, only: particles_t, group_t, allot_chunks, swap_chunks
+  use gimp_particles, only: particles_t, group_t, allot_chunks, chunk_bytes, id_bytes
   use gimp_engine, only: engine_t, allot_grid
   use gimp_books, only: books_t
   use, intrinsic :: iso_c_binding, only: c_f_pointer
@@ -55,16 +55,14 @@ contains
     type(particles_t), intent(in) :: particles
     logical, intent(in) :: sorted !! since they were saved last
     type(saved_state_t), intent(inout) :: saved
-    logical :: moved
     if (sorted .or. .not. associated(saved%p)) then
       saved%n = particles%n
       saved%chunks = particles%chunks
       saved%groups = particles%groups
       saved%block_group = particles%block_group
-      call reserve_storage(saved%store, int(lanes, i8)*particles%components*max(1, particles%chunks), moved)
+      call reserve_storage(saved%store, chunk_bytes(particles%components, particles%chunks))
       call c_f_pointer(saved%store%address, saved%p, [lanes, particles%components, particles%chunks])
-      call reserve_storage(saved%id_store, int(lanes, i8)*max(1, particles%chunks)*(storage_size(1_i8)/storage_size(1.0_wp)), &
-                           moved)
+      call reserve_storage(saved%id_store, id_bytes(particles%chunks))
       call c_f_pointer(saved%id_store%address, saved%id, [lanes, particles%chunks])
       saved%id = particles%id
     end if
@@ -78,7 +76,6 @@ contains
     type(engine_t), intent(inout) :: engine
     if (sorted) then
       call allot_chunks(engine%particles, saved%chunks)
-      call swap_chunks(engine%particles)
       engine%particles%id = saved%id
       engine%particles%n = saved%n
       engine%particles%groups = saved%groups

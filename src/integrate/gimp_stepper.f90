@@ -6,11 +6,13 @@ module gimp_stepper
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
   use gimp_timer, only: seconds_now
-  use gimp_accumulator, only: add_to, block_sum
-  use gimp_grid, only: nodes_per_block, nf => fields_per_node, has_images
+  use gimp_accumulator, only: column_sums
+  use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, has_images
+  use gimp_blocks, only: few_blocks
+  use gimp_particles, only: few_chunks
   use gimp_images, only: note_images, fold_images, copy_images
   use gimp_material, only: most_states
-  use gimp_engine, only: engine_t, pass_t, engine_bytes, sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, affine_none, &
+  use gimp_engine, only: engine_t, pass_t, engine_bytes, n_sums, sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, affine_none, &
     peak_rate, peak_speed, peak_strain, fate_fine, fate_inverted, fate_outside, fate_jumped
   use gimp_particle_pass, only: particle_pass
   use gimp_pads, only: sum_pads, add_spills
@@ -72,6 +74,7 @@ module gimp_stepper
     real(wp), allocatable, private :: raw(:, :, :) !! sums of pads, when images, loads or spills need them all at once
     real(wp), allocatable, private :: at_images(:, :) !! (field, image) given to images before they were folded
     logical, private :: sort_now = .false.
+    real(dp), private :: sums(n_sums) = 0.0_dp !! of all blocks over the last pass
     real(dp), private :: kinetic_peak = 0.0_dp
     real(dp), private :: removed_kinetic = 0.0_dp !! left with particles in this step [J]
     type(saved_state_t), private :: saved !! start of the step in hand, if steps may be redone
@@ -115,7 +118,7 @@ contains
       end if
     end do
     call resort(s)
-    s%cutoff_mass = maxval(s%engine%particles%p(:, s%engine%particles%mass%first, :))
+    call weigh(s, s%books%mass, s%cutoff_mass)
     s%round_off_mass = 32.0_wp*epsilon(1.0_wp)*s%cutoff_mass
     s%cutoff_mass = s%method%cutoff*s%cutoff_mass
     call run_pass(s, give_pass(s, s%time), error)
@@ -123,7 +126,6 @@ contains
     s%books%kinetic = kinetic_given(s)
     s%books%kinetic_start = s%books%kinetic
     s%books%momentum_start = momentum_of(s)
-    s%books%mass = sum(real(s%engine%particles%p(:, s%engine%particles%mass%first, :), dp))
     s%books%largest = max(s%books%largest, s%books%kinetic)
     s%books%momentum_scale = max(s%books%momentum_scale, sqrt(2.0_dp*s%books%kinetic*s%books%mass))
     s%kinetic_peak = s%books%kinetic
@@ -143,22 +145,54 @@ contains
   !> Kinetic energy of the particles as they last gave to the grid, that of their affine parts included [J]
   pure real(dp) function kinetic_given(s)
     type(stepper_t), intent(in) :: s
-    kinetic_given = block_sum(s%engine%sums(sum_kinetic, :)) + block_sum(s%engine%sums(sum_affine, :))
+    kinetic_given = s%sums(sum_kinetic) + s%sums(sum_affine)
   end function kinetic_given
 
-  !> Momentum of all particles [kg m/s], summed by chunk
-  pure function momentum_of(s) result(momentum)
+  !> Momentum of all particles [kg m/s]
+  function momentum_of(s) result(momentum)
     type(stepper_t), intent(in) :: s
     real(dp) :: momentum(3)
-    integer :: c, k
-    momentum = 0.0_dp
-    do c = 1, s%engine%particles%chunks
-      do k = 1, s%engine%grid%dim
-        momentum(k) = momentum(k) + sum(real(s%engine%particles%p(:, s%engine%particles%mass%first, c), dp) &
-                                        *s%engine%particles%p(:, s%engine%particles%velocity%first + k - 1, c))
+    real(dp), allocatable :: part(:, :) ! (axis, group)
+    integer :: g, c, k
+    allocate (part(3, size(s%engine%particles%groups)), source=0.0_dp)
+    associate (particles => s%engine%particles)
+      !$omp parallel do schedule(static) private(c, k) if(particles%chunks > few_chunks)
+      do g = 1, size(particles%groups)
+        do c = particles%groups(g)%first, particles%groups(g)%last
+          do k = 1, s%engine%grid%dim
+            part(k, g) = part(k, g) + sum(real(particles%p(:, particles%mass%first, c), dp) &
+                                          *particles%p(:, particles%velocity%first + k - 1, c))
+          end do
+        end do
       end do
-    end do
+      !$omp end parallel do
+    end associate
+    call column_sums(part, momentum)
   end function momentum_of
+
+  !> Mass of all particles and of the heaviest one [kg]
+  subroutine weigh(s, mass, heaviest)
+    type(stepper_t), intent(in) :: s
+    real(dp), intent(out) :: mass
+    real(wp), intent(out) :: heaviest
+    real(dp), allocatable :: part(:, :) ! (1, group)
+    real(dp) :: sums(1)
+    integer :: g, c
+    allocate (part(1, size(s%engine%particles%groups)), source=0.0_dp)
+    heaviest = 0.0_wp
+    associate (particles => s%engine%particles)
+      !$omp parallel do schedule(static) private(c) reduction(max:heaviest) if(particles%chunks > few_chunks)
+      do g = 1, size(particles%groups)
+        do c = particles%groups(g)%first, particles%groups(g)%last
+          part(1, g) = part(1, g) + sum(real(particles%p(:, particles%mass%first, c), dp))
+          heaviest = max(heaviest, maxval(particles%p(:, particles%mass%first, c)))
+        end do
+      end do
+      !$omp end parallel do
+    end associate
+    call column_sums(part, sums)
+    mass = sums(1)
+  end subroutine weigh
 
   !> Choose the next step; `until` is the time left to the next time of interest
   subroutine plan_step(s, until, error)
@@ -402,11 +436,12 @@ contains
       if (pass%force) s%rate = sqrt(maxval(engine%peaks(peak_rate, :)))
       if (pass%momentum) s%speed = sqrt(maxval(engine%peaks(peak_speed, :)))
       if (pass%strain) s%strain_rate = sqrt(maxval(engine%peaks(peak_strain, :)))
-      s%books%plastic = s%books%plastic + block_sum(engine%sums(sum_plastic, :))
-      s%books%work_external = s%books%work_external + block_sum(engine%sums(sum_external, :))
-      s%books%impulse = s%books%impulse + sum(engine%sums(sum_impulse:sum_impulse + 2, :), dim=2)
-      s%books%clamped = s%books%clamped + nint(sum(engine%sums(sum_clamped, :)), i8)
-      s%books%wide_chunks = s%books%wide_chunks + nint(sum(engine%sums(sum_wide, :)), i8)
+      call column_sums(engine%sums, s%sums)
+      s%books%plastic = s%books%plastic + s%sums(sum_plastic)
+      s%books%work_external = s%books%work_external + s%sums(sum_external)
+      s%books%impulse = s%books%impulse + s%sums(sum_impulse:sum_impulse + 2)
+      s%books%clamped = s%books%clamped + nint(s%sums(sum_clamped), i8)
+      s%books%wide_chunks = s%books%wide_chunks + nint(s%sums(sum_wide), i8)
       s%books%spilled = s%books%spilled + engine%spill%n
       if (pass%momentum .or. pass%force) s%sort_now = s%sort_now .or. any(engine%restless)
     end associate
@@ -460,9 +495,11 @@ contains
     integer :: slot
     if (allocated(s%held)) deallocate (s%held)
     allocate (s%held(s%engine%table%slots))
+    !$omp parallel do schedule(static) if(s%engine%table%slots > few_blocks)
     do slot = 1, s%engine%table%slots
       s%held(slot) = walls_near(s%walls, s%engine%grid, s%engine%table%slot_at(:, slot))
     end do
+    !$omp end parallel do
   end subroutine find_held
 
   !> Whether the particles that left the grid did so at less than a cell per step: then they go there with any step
@@ -475,11 +512,12 @@ contains
   subroutine mark_leaving(s, leaving)
     type(stepper_t), intent(inout) :: s
     logical, allocatable, intent(out) :: leaving(:, :)
-    logical, allocatable :: marks(:, :)
+    logical, allocatable :: marks(:, :), marked(:)
     real(wp) :: x
     integer :: g, c, l, k
     associate (particles => s%engine%particles, grid => s%engine%grid)
-      allocate (marks(lanes, particles%chunks), source=.false.)
+      allocate (marks(lanes, particles%chunks), marked(size(particles%groups)), source=.false.)
+      !$omp parallel do schedule(static) private(c, l, k, x) if(particles%chunks > few_chunks)
       do g = 1, size(particles%groups)
         do c = particles%groups(g)%first, particles%groups(g)%last
           do l = 1, lanes
@@ -489,13 +527,21 @@ contains
               if (s%walls%side(1, k)%removes .and. x < 0.0_wp) marks(l, c) = .true.
               if (s%walls%side(2, k)%removes .and. x > grid%cells(k)) marks(l, c) = .true.
             end do
-            if (.not. marks(l, c)) cycle
-            call book_removed(particles%groups(g)%material, c, l)
+            marked(g) = marked(g) .or. marks(l, c)
+          end do
+        end do
+      end do
+      !$omp end parallel do
+      do g = 1, size(particles%groups)
+        if (.not. marked(g)) cycle
+        do c = particles%groups(g)%first, particles%groups(g)%last
+          do l = 1, lanes
+            if (marks(l, c)) call book_removed(particles%groups(g)%material, c, l)
           end do
         end do
       end do
     end associate
-    if (any(marks)) call move_alloc(marks, leaving)
+    if (any(marked)) call move_alloc(marks, leaving)
 
   contains
 
@@ -528,7 +574,7 @@ contains
     real(wp), intent(in) :: kick
     type(node_step_t) :: step
     real(dp), allocatable :: part(:, :) ! (n_node_sums, slot): added in the order of slots
-    real(dp) :: sums(n_node_sums), carry(n_node_sums), start
+    real(dp) :: sums(n_node_sums), start
     real(wp) :: raw(nf, nodes_per_block)
     integer :: slot, lost
     logical :: loaded, at_once
@@ -546,7 +592,7 @@ contains
     allocate (part(n_node_sums, s%engine%table%slots))
     associate (engine => s%engine, table => s%engine%table)
       if (at_once) then
-        !$omp parallel do schedule(dynamic, 16) private(raw)
+        !$omp parallel do schedule(dynamic, 16) private(raw) if(table%slots > few_blocks)
         do slot = 1, table%slots
           call sum_pads(engine, slot, raw)
           call update_nodes(step, engine%grid, s%walls, s%held(slot), table%slot_at(:, slot), raw, engine%g(:, :, slot), &
@@ -558,7 +604,7 @@ contains
           if (size(s%raw, 3) /= table%slots) deallocate (s%raw)
         end if
         if (.not. allocated(s%raw)) allocate (s%raw(nf, nodes_per_block, table%slots))
-        !$omp parallel do schedule(dynamic, 16)
+        !$omp parallel do schedule(dynamic, 16) if(table%slots > few_blocks)
         do slot = 1, table%slots
           call sum_pads(engine, slot, s%raw(:, :, slot))
         end do
@@ -568,11 +614,11 @@ contains
         call fold_images(engine%images, table%slots, s%raw)
         if (loaded) then
           lost = 0
-          if (stage == stage_full) engine%g(4, :, :) = s%raw(4, :, :) ! the kick finds the masses there already
+          if (stage == stage_full) call copy_masses() ! the kick finds the masses there already
           call add_loads(s%loads, engine, table%slots, engine%g, s%cutoff_mass, s%raw, lost)
           s%books%lost_loads = s%books%lost_loads + lost
         end if
-        !$omp parallel do schedule(dynamic, 16)
+        !$omp parallel do schedule(static) if(table%slots > few_blocks)
         do slot = 1, table%slots
           call update_nodes(step, engine%grid, s%walls, s%held(slot), table%slot_at(:, slot), s%raw(:, :, slot), &
                             engine%g(:, :, slot), part(:, slot))
@@ -583,15 +629,23 @@ contains
       if (loaded) s%books%impulse = s%books%impulse + kick*sum(s%loads%f(:, :s%loads%n), dim=2)
       if (loaded) s%books%work_external = s%books%work_external + work_of_loads(s%loads, engine, table%slots, engine%g, kick)
     end associate
-    sums = 0.0_dp
-    carry = 0.0_dp
-    do slot = 1, s%engine%table%slots
-      call add_to(sums, carry, part(:, slot))
-    end do
-    sums(book_given) = sums(book_given) + block_sum(s%engine%sums(sum_affine, :)) ! not a field of the nodes
-    call book_stage(s%books, stage, kick, 1.0_wp - s%method%flip, sums + carry)
+    call column_sums(part, sums)
+    sums(book_given) = sums(book_given) + s%sums(sum_affine) ! not a field of the nodes
+    call book_stage(s%books, stage, kick, 1.0_wp - s%method%flip, sums)
     if (has_images(s%engine%grid) .and. (stage == stage_full .or. stage == stage_kick)) call book_images(s, kick)
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
+
+  contains
+
+    subroutine copy_masses()
+      integer :: k
+      !$omp parallel do schedule(static) if(s%engine%table%slots > few_blocks)
+      do k = 1, s%engine%table%slots
+        s%engine%g(node_mass, :, k) = s%raw(node_mass, :, k)
+      end do
+      !$omp end parallel do
+    end subroutine copy_masses
+
   end subroutine nodal_stage
 
   !> Keep what images were given: momentum and mass from the first stage of a step, forces from the one that has them
@@ -661,19 +715,21 @@ contains
     type(stepper_t), intent(inout) :: s
     real(dp), intent(in) :: kinetic
     type(error_t), allocatable, intent(out) :: error
-    integer :: k, v
+    integer :: c, k, v
     if (kinetic >= s%kinetic_peak) then
       s%kinetic_peak = kinetic
       return
     end if
     v = s%engine%particles%velocity%first
     s%books%impulse = s%books%impulse - momentum_of(s)
-    do k = 1, s%engine%grid%dim
-      s%engine%particles%p(:, v + k - 1, :) = 0.0_wp
+    !$omp parallel do schedule(static) private(k) if(s%engine%particles%chunks > few_chunks)
+    do c = 1, s%engine%particles%chunks
+      s%engine%particles%p(:, v:v + s%engine%grid%dim - 1, c) = 0.0_wp
+      do k = 1, s%engine%particles%affine%components
+        s%engine%particles%p(:, s%engine%particles%affine%first + k - 1, c) = 0.0_wp
+      end do
     end do
-    do k = 1, s%engine%particles%affine%components
-      s%engine%particles%p(:, s%engine%particles%affine%first + k - 1, :) = 0.0_wp
-    end do
+    !$omp end parallel do
     s%books%damping = s%books%damping + kinetic
     s%books%kinetic = 0.0_dp
     s%kinetic_peak = 0.0_dp

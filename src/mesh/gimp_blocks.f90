@@ -4,12 +4,15 @@
 !> neighbours. Blocks and slots are numbered in the order of their keys, which is also the order of every sum.
 module gimp_blocks
   use gimp_kinds, only: i8
-  use gimp_grid, only: grid_t, block_key, block_of_node
-  use gimp_hash_table, only: hash_table_t, clear_table, insert_key, find_key
-  use gimp_sorting, only: sort_order
+  use gimp_grid, only: grid_t, block_key, keys_around, block_at_key, block_of_node
+  use gimp_hash_table, only: hash_table_t, clear_table, insert_key, find_key, list_keys
+  use gimp_sorting, only: rank_keys
+  use omp_lib, only: omp_get_max_threads
   implicit none(type, external)
   private
-  public :: block_table_t, build_blocks, neighbour, slot_of_node, node_in_block
+  public :: few_blocks, block_table_t, build_blocks, neighbour, slot_of_node, node_in_block
+
+  integer, parameter :: few_blocks = 32 !! up to so many blocks or slots are not worth waking other threads for
 
   !> The active blocks and who neighbours whom
   type :: block_table_t
@@ -38,77 +41,87 @@ contains
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: at(:, :) !! (3, block)
     integer, intent(in) :: extra(:, :) !! (3, any) further slots wanted: images of periodic and symmetric sides
-    integer, allocatable :: found(:, :), order(:)
-    integer(i8), allocatable :: keys(:)
-    integer :: reach(3), b, dx, dy, dz, n, s, value
+    integer(i8), allocatable :: keys(:), distinct(:)
+    integer, allocatable :: ignored(:)
+    integer :: s, value
 
-    reach = merge(1, 0, [1, 2, 3] <= grid%dim)
     table%blocks = size(at, 2)
     table%block_at = at
-    allocate (found(3, table%blocks*3**grid%dim + size(extra, 2)))
-    call clear_table(table%slot_of, 2*table%blocks + 16)
-    n = 0
-    do b = 1, table%blocks
-      do dz = -reach(3), reach(3)
-        do dy = -reach(2), reach(2)
-          do dx = -reach(1), reach(1)
-            call note_slot(at(:, b) + [dx, dy, dz])
-          end do
+    call wanted_keys(grid, at, extra, keys)
+    call rank_keys(keys, distinct, ignored)
+    table%slots = size(distinct)
+    if (allocated(table%slot_at)) deallocate (table%slot_at)
+    allocate (table%slot_at(3, table%slots))
+    call clear_table(table%slot_of, table%slots)
+    do s = 1, table%slots
+      table%slot_at(:, s) = block_at_key(distinct(s))
+      call insert_key(table%slot_of, distinct(s), s, value)
+    end do
+    call connect(table, grid%dim)
+  end subroutine build_blocks
+
+  !> Keys of all slots, some more than once: each thread lists those around its part of the blocks
+  subroutine wanted_keys(grid, at, extra, keys)
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: at(:, :), extra(:, :)
+    integer(i8), allocatable, intent(out) :: keys(:)
+    type(hash_table_t), allocatable :: found(:)
+    integer(i8) :: around(27)
+    integer :: parts, part, b, k, n, value
+    parts = max(1, min(size(at, 2)/64, 2*omp_get_max_threads()))
+    allocate (found(parts))
+    !$omp parallel do schedule(dynamic, 1) private(b, k, around, value) if(parts > 1)
+    do part = 1, parts
+      call clear_table(found(part), 2*(size(at, 2)/parts) + 16)
+      do b = 1 + int(int(size(at, 2), i8)*(part - 1)/parts), int(int(size(at, 2), i8)*part/parts)
+        around = keys_around(at(:, b))
+        do k = 1, 27
+          if (is_near(grid%dim, k)) call insert_key(found(part), around(k), 1, value)
         end do
       end do
     end do
+    !$omp end parallel do
+    allocate (keys(sum(found%n) + size(extra, 2)))
+    n = 0
+    do part = 1, parts
+      call list_keys(found(part), keys(n + 1:n + found(part)%n))
+      n = n + found(part)%n
+    end do
     do b = 1, size(extra, 2)
-      call note_slot(extra(:, b))
+      keys(n + b) = block_key(extra(:, b))
     end do
+  end subroutine wanted_keys
 
-    allocate (keys(n))
-    do s = 1, n
-      keys(s) = block_key(found(:, s))
-    end do
-    call sort_order(keys, order)
-    table%slots = n
-    table%slot_at = found(:, order)
-    call clear_table(table%slot_of, n)
-    do s = 1, n
-      call insert_key(table%slot_of, keys(order(s)), s, value)
-    end do
-    call connect(table, reach)
+  !> Whether neighbour k exists in so many dimensions
+  pure logical function is_near(dim, k)
+    integer, intent(in) :: dim, k
+    is_near = (dim > 2 .or. (k > 9 .and. k < 19)) .and. (dim > 1 .or. modulo((k - 1)/3, 3) == 1)
+  end function is_near
 
-  contains
-
-    subroutine note_slot(here)
-      integer, intent(in) :: here(3)
-      call insert_key(table%slot_of, block_key(here), n + 1, value)
-      if (value <= n) return
-      n = n + 1
-      found(:, n) = here
-    end subroutine note_slot
-
-  end subroutine build_blocks
-
-  !> Fill the neighbour tables
-  subroutine connect(table, reach)
+  !> Fill the neighbour tables; no two blocks write the same entry
+  subroutine connect(table, dim)
     type(block_table_t), intent(inout) :: table
-    integer, intent(in) :: reach(3)
-    integer :: b, s, dx, dy, dz
+    integer, intent(in) :: dim
+    integer(i8) :: around(27)
+    integer :: b, s, k
     if (allocated(table%slot_near)) deallocate (table%slot_near, table%block_near, table%own_block, table%block_code)
     allocate (table%slot_near(27, table%blocks), source=0)
     allocate (table%block_near(27, table%slots), source=0)
     allocate (table%own_block(table%slots), source=0)
     allocate (table%block_code(table%blocks))
+    !$omp parallel do schedule(static) private(around, k, s) if(table%blocks > few_blocks)
     do b = 1, table%blocks
-      table%block_code(b) = block_key(table%block_at(:, b))
-      do dz = -reach(3), reach(3)
-        do dy = -reach(2), reach(2)
-          do dx = -reach(1), reach(1)
-            s = find_key(table%slot_of, block_key(table%block_at(:, b) + [dx, dy, dz]))
-            table%slot_near(neighbour(dx, dy, dz), b) = s
-            table%block_near(neighbour(-dx, -dy, -dz), s) = b
-          end do
-        end do
+      around = keys_around(table%block_at(:, b))
+      table%block_code(b) = around(14)
+      do k = 1, 27
+        if (.not. is_near(dim, k)) cycle
+        s = find_key(table%slot_of, around(k))
+        table%slot_near(k, b) = s
+        table%block_near(28 - k, s) = b
       end do
       table%own_block(table%slot_near(14, b)) = b
     end do
+    !$omp end parallel do
   end subroutine connect
 
   !> Slot of the block that holds a node, 0 if it is not active

@@ -7,7 +7,7 @@ module gimp_grid
   use gimp_kinds, only: wp, i8
   implicit none(type, external)
   private
-  public :: grid_t, make_grid, block_edge, nodes_per_block, block_key, fields_per_node
+  public :: grid_t, make_grid, block_edge, nodes_per_block, block_key, keys_around, block_at_key, fields_per_node
   public :: node_mass, longest_axis, block_of_node, has_images, canonical_node, low_side_node, high_side_node
 
   integer, parameter :: nodes_per_block = 64
@@ -66,6 +66,41 @@ contains
       key = ior(key, shiftl(part, k - 1))
     end do
   end function block_key
+
+  !> Coordinates of the block with this key
+  pure function block_at_key(key) result(at)
+    integer(i8), intent(in) :: key
+    integer :: at(3)
+    integer :: bit, k
+    at = -longest_axis/2
+    do bit = 0, 19
+      do k = 1, 3
+        if (btest(key, 3*bit + k - 1)) at(k) = at(k) + shiftl(1, bit)
+      end do
+    end do
+  end function block_at_key
+
+  !> Keys of a block and of all around it, numbered as by `neighbour`
+  pure function keys_around(at) result(keys)
+    integer, intent(in) :: at(3)
+    integer(i8) :: keys(27)
+    integer(i8) :: part(-1:1, 3)
+    integer :: d, k, dx, dy, dz
+    do k = 1, 3
+      do d = -1, 1
+        part(d, k) = shiftl(spread_bits(int(at(k) + d + longest_axis/2, i8)), k - 1)
+      end do
+    end do
+    k = 0
+    do dz = -1, 1
+      do dy = -1, 1
+        do dx = -1, 1
+          k = k + 1
+          keys(k) = ior(part(dx, 1), ior(part(dy, 2), part(dz, 3)))
+        end do
+      end do
+    end do
+  end function keys_around
 
   !> Coordinates of the block that a node lies in
   pure function block_of_node(grid, node) result(at)

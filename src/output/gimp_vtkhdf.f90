@@ -173,14 +173,14 @@ contains
     subroutine count_up(table, from, to)
       integer, intent(in) :: table
       integer(i8), intent(in) :: from, to
-      integer(i8) :: i
-      integer(i8), allocatable :: numbers(:)
-      if (allocated(error)) return
-      allocate (numbers(max(0_i8, to - from + 1)))
-      do i = 1, size(numbers, kind=i8)
-        numbers(i) = from + i - 1
+      integer(i8), parameter :: at_once = 65536
+      integer(i8) :: i, next, last
+      next = from
+      do while (next <= to .and. .not. allocated(error))
+        last = min(to, next + at_once - 1)
+        call append_rows(output%file, table, [(i, i=next, last)], error)
+        next = last + 1
       end do
-      call append_rows(output%file, table, numbers, error)
     end subroutine count_up
   end subroutine add_part
 

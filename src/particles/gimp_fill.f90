@@ -36,7 +36,6 @@ module gimp_fill
     real(wp), allocatable :: position(:, :) !! (dim, n) absolute [m]
     real(wp), allocatable :: volume(:) !! (n) [m3; per unit thickness in 2D]
     real(wp), allocatable :: half_length(:, :) !! (dim, n) [m]; polar: of the square with the area of the sector
-    integer, allocatable :: body(:) !! (n) number of the body
     integer, allocatable :: faces(:) !! (n) bit mask: no particle of the same body next to it there; polar fill: 0
     integer(i8), allocatable :: first(:), count(:) !! (bodies) where a body starts, and how many particles it has
   end type fill_t
@@ -90,7 +89,7 @@ contains
       end do
       if (allocated(error)) return
       result%n = n
-      if (pass == 1) allocate (result%position(dim, n), result%volume(n), result%half_length(dim, n), result%body(n), &
+      if (pass == 1) allocate (result%position(dim, n), result%volume(n), result%half_length(dim, n), &
         result%faces(n))
     end do
   end subroutine fill_bodies
@@ -243,7 +242,6 @@ contains
         result%position(:, n) = x(1:2)
         result%volume(n) = r*width*opening ! (r2^2 - r1^2)/2 dtheta for the mid radius r
         result%half_length(:, n) = 0.5_wp*sqrt(result%volume(n))
-        result%body(n) = b
         result%faces(n) = 0
       end do
     end do
@@ -339,7 +337,6 @@ contains
           if (lattice%dim > 2 .and. .not. here(k - 1, j)) faces = ibset(faces, face_z_low)
           if (lattice%dim > 2 .and. .not. here(k + 1, j)) faces = ibset(faces, face_z_high)
           result%faces(n) = faces
-          result%body(n) = b
           result%volume(n) = volume
           result%half_length(:, n) = half(:lattice%dim)
           result%position(1, n) = coordinate(lattice, 1, i)

@@ -5,11 +5,13 @@
 !> every kernel sees the same cell. One list of fields says what this scene stores; sorting, checks and output walk it.
 module gimp_particles
   use gimp_kinds, only: wp, i8, lanes
-  use gimp_storage, only: storage_t, reserve_storage
+  use gimp_storage, only: storage_t, extend_storage, real_bytes
   use, intrinsic :: iso_c_binding, only: c_f_pointer
   implicit none(type, external)
   private
-  public :: particles_t, field_t, group_t, add_field, allot_chunks, swap_chunks, live_bytes
+  public :: particles_t, field_t, group_t, add_field, allot_chunks, clear_chunks, live_bytes, chunk_bytes, id_bytes, few_chunks
+
+  integer, parameter :: few_chunks = 64 !! up to so many are not worth waking other threads for
 
   !> A named quantity and where its components sit in a chunk
   type :: field_t
@@ -44,14 +46,11 @@ module gimp_particles
     type(field_t) :: affine !! velocity gradient that the particle carries (apic, tpic), row by row [1/s]
     type(field_t) :: state !! history of the material
     real(wp), pointer, contiguous :: p(:, :, :) => null() !! (lane, component, chunk)
-    real(wp), pointer, contiguous :: spare(:, :, :) => null() !! target of the next sort
     integer(i8), pointer, contiguous :: id(:, :) => null() !! (lane, chunk) global number, kept for life; 0: spare lane
-    integer(i8), pointer, contiguous :: spare_id(:, :) => null()
     type(group_t), allocatable :: groups(:)
     integer, allocatable :: block_group(:) !! (blocks + 1) first group of each block
     real(wp) :: uniform_half(3) = 0.0_wp !! initial half lengths in cells, when all particles share them
-    type(storage_t), private :: store(2), id_store(2)
-    integer, private :: current = 1
+    type(storage_t), private :: store, id_store
   end type particles_t
 
 contains
@@ -70,33 +69,40 @@ contains
     self%components = self%components + components
   end subroutine add_field
 
-  !> Room for `chunks` chunks in the spare store, which `swap_chunks` then makes the current one
+  !> Room for `chunks` chunks; the first ones are kept, new ones hold anything
   subroutine allot_chunks(self, chunks)
     type(particles_t), intent(inout) :: self
     integer, intent(in) :: chunks
-    integer :: other
-    logical :: moved
-    other = 3 - self%current
-    call reserve_storage(self%store(other), int(lanes, i8)*self%components*max(1, chunks), moved)
-    call c_f_pointer(self%store(other)%address, self%spare, [lanes, self%components, chunks])
-    call reserve_storage(self%id_store(other), int(lanes, i8)*max(1, chunks)*(storage_size(1_i8)/storage_size(1.0_wp)), moved)
-    call c_f_pointer(self%id_store(other)%address, self%spare_id, [lanes, chunks])
+    call extend_storage(self%store, chunk_bytes(self%components, chunks))
+    call c_f_pointer(self%store%address, self%p, [lanes, self%components, chunks])
+    call extend_storage(self%id_store, id_bytes(chunks))
+    call c_f_pointer(self%id_store%address, self%id, [lanes, chunks])
+    self%chunks = chunks
   end subroutine allot_chunks
 
-  !> The spare store becomes the current one
-  subroutine swap_chunks(self)
+  !> Empty all chunks; the thread that will work on a chunk is the first to touch its memory
+  subroutine clear_chunks(self)
     type(particles_t), intent(inout) :: self
-    real(wp), pointer, contiguous :: p(:, :, :)
-    integer(i8), pointer, contiguous :: id(:, :)
-    p => self%p
-    self%p => self%spare
-    self%spare => p
-    id => self%id
-    self%id => self%spare_id
-    self%spare_id => id
-    self%current = 3 - self%current
-    self%chunks = size(self%p, 3)
-  end subroutine swap_chunks
+    integer :: c
+    !$omp parallel do schedule(static)
+    do c = 1, self%chunks
+      self%p(:, :, c) = 0.0_wp
+      self%id(:, c) = 0_i8
+    end do
+    !$omp end parallel do
+  end subroutine clear_chunks
+
+  !> Bytes of the fields of so many chunks
+  pure integer(i8) function chunk_bytes(components, chunks)
+    integer, intent(in) :: components, chunks
+    chunk_bytes = real_bytes*lanes*components*chunks
+  end function chunk_bytes
+
+  !> Bytes of the numbers of so many chunks
+  pure integer(i8) function id_bytes(chunks)
+    integer, intent(in) :: chunks
+    id_bytes = int(storage_size(1_i8)/8, i8)*lanes*chunks
+  end function id_bytes
 
   !> Bytes of state that one particle needs (its fields and its number)
   pure integer function live_bytes(self)

@@ -4,20 +4,27 @@ module gimp_engine
   use gimp_grid, only: grid_t, nodes_per_block, fields_per_node
   use gimp_blocks, only: block_table_t
   use gimp_images, only: image_t
-  use gimp_particles, only: particles_t, live_bytes
+  use gimp_particles, only: particles_t, chunk_bytes, id_bytes
   use gimp_basis, only: basis_linear, support_width
   use gimp_material, only: material_t
-  use gimp_storage, only: storage_t, reserve_storage
-  use, intrinsic :: iso_c_binding, only: c_f_pointer
+  use gimp_storage, only: storage_t, reserve_storage, real_bytes
+  use, intrinsic :: iso_c_binding, only: c_ptr, c_loc, c_f_pointer
+  use omp_lib, only: omp_get_max_threads, omp_get_thread_num
   implicit none(type, external)
   private
   public :: engine_bytes, affine_none, affine_apic, affine_tpic, affine_mls
-  public :: engine_t, law_t, pass_t, spill_t, body_force_t, allot_grid, pad_nodes, pad_edge, drift
+  public :: offer_tasks, take_task
+  public :: engine_t, law_t, pass_t, spill_t, body_force_t, pad_nodes, pad_edge, drift
+  public :: allot_grid, borrow_pads, make_room, pad_bytes, grid_bytes
   public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, n_sums
   public :: peak_rate, peak_speed, peak_strain, n_peaks
   public :: fate_fine, fate_inverted, fate_outside, fate_lost, fate_jumped
 
   integer, parameter :: drift = 1 !! cells that a particle may stray from its block before it must be sorted
+
+  integer, parameter :: tasks_per_thread = 32 !! handed out as threads become free
+  integer, parameter :: apart = 16 !! counters of two threads must not share a cache line
+  integer, parameter :: work_of_pad = 8 !! loading and storing the pad of a block, in chunks of particles
 
   integer, parameter :: affine_none = 0, affine_apic = 1, affine_tpic = 2, affine_mls = 3
 
@@ -55,7 +62,7 @@ module gimp_engine
     end subroutine evaluate_i
   end interface
 
-  !> What particles give to nodes beyond the pad of their block, in the order of blocks
+  !> What particles give to nodes beyond the pad of their block, in the order of slots, then blocks
   type :: spill_t
     integer :: n = 0
     integer, allocatable :: block(:), slot(:), place(:)
@@ -95,7 +102,10 @@ module gimp_engine
     real(wp), pointer, contiguous :: g(:, :, :) => null() !! (field, node of block, slot)
     real(wp), pointer, contiguous :: pad(:, :, :) => null() !! (field, node of pad, block)
     logical, allocatable :: drifted(:) !! (block) the outer layer of its pad is in use
+    integer, allocatable :: task(:) !! (tasks + 1) first block of each task of a pass
+    integer, allocatable :: taken(:, :) !! (apart, thread) tasks of its share that are taken
     type(spill_t) :: spill
+    type(spill_t), allocatable :: spilled(:) !! (thread) as blocks leave it, before it is brought into order
     real(dp), allocatable :: sums(:, :) !! (n_sums, block)
     real(wp), allocatable :: peaks(:, :) !! (n_peaks, block)
     integer, allocatable :: fate(:, :) !! (3, block): what, chunk, lane
@@ -124,23 +134,50 @@ contains
     pad_nodes = product(pad_edge(dim, basis))
   end function pad_nodes
 
-  !> Bytes in use: particles with their copy for the sort, pads and grid
+  !> Bytes in use: particles, pads (whose memory also serves the sort) and grid
   pure integer(i8) function engine_bytes(engine)
     type(engine_t), intent(in) :: engine
-    engine_bytes = 2_i8*live_bytes(engine%particles)*lanes*engine%particles%chunks &
-                   + (size(engine%pad, kind=i8) + size(engine%g, kind=i8))*(storage_size(1.0_wp)/8)
+    engine_bytes = chunk_bytes(engine%particles%components, engine%particles%chunks) + id_bytes(engine%particles%chunks) &
+                   + engine%pad_store%bytes + engine%grid_store%bytes
   end function engine_bytes
 
-  !> Room for the grid and the pads of the blocks that are active now
+  !> Bytes of the pads of so many blocks
+  pure integer(i8) function pad_bytes(dim, basis, blocks)
+    integer, intent(in) :: dim, basis, blocks
+    pad_bytes = real_bytes*fields_per_node*pad_nodes(dim, basis)*blocks
+  end function pad_bytes
+
+  !> Bytes of so many slots of the grid
+  pure integer(i8) function grid_bytes(slots)
+    integer, intent(in) :: slots
+    grid_bytes = real_bytes*fields_per_node*nodes_per_block*slots
+  end function grid_bytes
+
+  !> The memory of the pads, which are empty during a sort, for two lists; `allot_grid` takes it back
+  subroutine borrow_pads(engine, bytes, first, second)
+    type(engine_t), intent(inout) :: engine
+    integer(i8), intent(in) :: bytes(2) !! of each list
+    type(c_ptr), intent(out) :: first, second !! on cache lines
+    integer(i8) :: start
+    character, pointer :: memory(:)
+    start = (bytes(1) + 63)/64*64
+    engine%pad => null()
+    call reserve_storage(engine%pad_store, start + bytes(2))
+    first = engine%pad_store%address
+    call c_f_pointer(first, memory, [start + 1])
+    second = c_loc(memory(start + 1))
+  end subroutine borrow_pads
+
+  !> Room for the grid and the pads of the blocks that are active now. Their memory is first touched by the threads that work on
+  !> it: nothing is written here.
   subroutine allot_grid(engine)
     type(engine_t), intent(inout) :: engine
     integer :: n
-    logical :: moved
     associate (table => engine%table)
       n = pad_nodes(engine%grid%dim, engine%basis)
-      call reserve_storage(engine%pad_store, int(fields_per_node, i8)*n*max(1, table%blocks), moved)
+      call reserve_storage(engine%pad_store, pad_bytes(engine%grid%dim, engine%basis, table%blocks))
       call c_f_pointer(engine%pad_store%address, engine%pad, [fields_per_node, n, table%blocks])
-      call reserve_storage(engine%grid_store, int(fields_per_node, i8)*nodes_per_block*max(1, table%slots), moved)
+      call reserve_storage(engine%grid_store, grid_bytes(table%slots))
       call c_f_pointer(engine%grid_store%address, engine%g, [fields_per_node, nodes_per_block, table%slots])
       if (allocated(engine%drifted)) deallocate (engine%drifted, engine%sums, engine%peaks, engine%fate, engine%restless)
       allocate (engine%drifted(table%blocks), source=.true.)
@@ -150,9 +187,83 @@ contains
       allocate (engine%fate(3, table%blocks), source=0)
     end associate
     engine%spill%n = 0
-    if (.not. allocated(engine%spill%slot)) then
-      allocate (engine%spill%block(64), engine%spill%slot(64), engine%spill%place(64), engine%spill%value(fields_per_node, 64))
-    end if
+    if (.not. allocated(engine%spill%slot)) call make_room(engine%spill, 64)
+    if (allocated(engine%taken)) deallocate (engine%taken)
+    call cut_tasks(engine%particles, engine%table%blocks, tasks_per_thread*omp_get_max_threads(), engine%task)
   end subroutine allot_grid
+
+  !> All tasks are open again; each thread has an equal share of them to itself
+  pure subroutine offer_tasks(engine)
+    type(engine_t), intent(inout) :: engine
+    if (.not. allocated(engine%taken)) allocate (engine%taken(apart, tasks_of(engine)/tasks_per_thread))
+    engine%taken = 0
+  end subroutine offer_tasks
+
+  !> The next task of the calling thread: one of its own share, whose particles and pads lie in memory near it, or one that another
+  !> thread has not come to; 0 when none is left. Who works on a block decides nothing about results.
+  subroutine take_task(engine, task)
+    type(engine_t), intent(inout) :: engine
+    integer, intent(out) :: task
+    integer :: k, share, n
+    do k = 0, size(engine%taken, 2) - 1
+      share = 1 + modulo(omp_get_thread_num() + k, size(engine%taken, 2))
+      !$omp atomic capture
+      engine%taken(1, share) = engine%taken(1, share) + 1
+      n = engine%taken(1, share)
+      !$omp end atomic
+      task = tasks_per_thread*(share - 1) + n
+      if (n <= tasks_per_thread) return
+    end do
+    task = 0
+  end subroutine take_task
+
+  pure integer function tasks_of(engine)
+    type(engine_t), intent(in) :: engine
+    tasks_of = size(engine%task) - 1
+  end function tasks_of
+
+  !> Cut the blocks into consecutive tasks of about equal work, counted in chunks; the pads of a block cost like a few chunks
+  pure subroutine cut_tasks(particles, blocks, tasks, task)
+    type(particles_t), intent(in) :: particles
+    integer, intent(in) :: blocks, tasks
+    integer, allocatable, intent(out) :: task(:) !! (tasks + 1) first block of each
+    integer(i8) :: done, all_work
+    integer :: b, k
+    allocate (task(tasks + 1))
+    all_work = particles%chunks + int(work_of_pad, i8)*blocks
+    done = 0
+    k = 1
+    task(1) = 1
+    do b = 1, blocks
+      do while (k < tasks .and. done*tasks >= k*all_work)
+        k = k + 1
+        task(k) = b
+      end do
+      done = done + work_of_pad
+      associate (first => particles%block_group(b), last => particles%block_group(b + 1) - 1)
+        done = done + particles%groups(last)%last - particles%groups(first)%first + 1
+      end associate
+    end do
+    task(k + 1:) = blocks + 1
+  end subroutine cut_tasks
+
+  !> Room for so many entries of the spill list; those there are kept
+  pure subroutine make_room(spill, entries)
+    type(spill_t), intent(inout) :: spill
+    integer, intent(in) :: entries
+    type(spill_t) :: wider
+    if (allocated(spill%slot)) then
+      if (size(spill%slot) >= entries) return
+    end if
+    allocate (wider%block(entries), wider%slot(entries), wider%place(entries), wider%value(fields_per_node, entries))
+    wider%n = spill%n
+    if (spill%n > 0) then
+      wider%block(:spill%n) = spill%block(:spill%n)
+      wider%slot(:spill%n) = spill%slot(:spill%n)
+      wider%place(:spill%n) = spill%place(:spill%n)
+      wider%value(:, :spill%n) = spill%value(:, :spill%n)
+    end if
+    spill = wider
+  end subroutine make_room
 
 end module gimp_engine

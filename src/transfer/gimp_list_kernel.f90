@@ -9,7 +9,7 @@ module gimp_list_kernel
   use gimp_blocks, only: block_table_t, neighbour
   use gimp_splines, only: spline_t
   use gimp_basis, only: weight_list_t, make_weight_list, take_moments
-  use gimp_engine, only: spill_t, drift
+  use gimp_engine, only: spill_t, drift, make_room
   implicit none(type, external)
   private
   public :: wide_nodes, load_wide, gather_list, scatter_list, unload_wide, order_spill
@@ -141,33 +141,51 @@ contains
     end do
   end subroutine unload_wide
 
-  !> Bring the spill list into the order of blocks, whichever thread came first
-  subroutine order_spill(spill)
+  !> Join the spill lists of all threads, in the order of slots and blocks, whichever thread came first
+  subroutine order_spill(spilled, spill)
+    type(spill_t), intent(inout) :: spilled(:) !! (thread) empty afterwards
     type(spill_t), intent(inout) :: spill
     integer, allocatable :: order(:)
-    integer :: n
-    n = spill%n
-    if (n < 2) return
-    call sort_order(int(spill%block(:n), i8), order)
-    spill%block(:n) = spill%block(order)
-    spill%slot(:n) = spill%slot(order)
-    spill%place(:n) = spill%place(order)
-    spill%value(:, :n) = spill%value(:, order)
+    integer(i8), allocatable :: key(:)
+    type(spill_t) :: all
+    integer :: t, k, n
+    n = sum(spilled%n)
+    spill%n = n
+    if (n == 0) return
+    call make_room(all, n)
+    do t = 1, size(spilled)
+      if (spilled(t)%n == 0) cycle
+      associate (from => spilled(t), first => all%n + 1, last => all%n + spilled(t)%n)
+        all%block(first:last) = from%block(:from%n)
+        all%slot(first:last) = from%slot(:from%n)
+        all%place(first:last) = from%place(:from%n)
+        all%value(:, first:last) = from%value(:, :from%n)
+      end associate
+      all%n = all%n + spilled(t)%n
+      spilled(t)%n = 0
+    end do
+    allocate (key(n))
+    key = shiftl(int(all%slot(:n), i8), 32) + all%block(:n) ! what one block gives to one slot stays in its order
+    call sort_order(key, order)
+    spill%n = 0
+    call make_room(spill, n)
+    spill%n = n
+    !$omp parallel do schedule(static) if(n > 1000)
+    do k = 1, n
+      spill%block(k) = all%block(order(k))
+      spill%slot(k) = all%slot(order(k))
+      spill%place(k) = all%place(order(k))
+      spill%value(:, k) = all%value(:, order(k))
+    end do
+    !$omp end parallel do
   end subroutine order_spill
 
   subroutine add_spill(spill, block, slot, place, value)
     type(spill_t), intent(inout) :: spill
     integer, intent(in) :: block, slot, place
     real(wp), intent(in) :: value(nf)
-    real(wp), allocatable :: wider(:, :)
-    if (spill%n == size(spill%slot)) then
-      spill%block = [spill%block, spill%block]
-      spill%slot = [spill%slot, spill%slot]
-      spill%place = [spill%place, spill%place]
-      allocate (wider(nf, 2*spill%n))
-      wider(:, :spill%n) = spill%value
-      call move_alloc(wider, spill%value)
-    end if
+    if (.not. allocated(spill%slot)) call make_room(spill, 64)
+    if (spill%n == size(spill%slot)) call make_room(spill, 2*spill%n)
     spill%n = spill%n + 1
     spill%block(spill%n) = block
     spill%slot(spill%n) = slot

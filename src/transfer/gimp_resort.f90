@@ -1,18 +1,42 @@
 !> Sort: every particle goes to the block of its support, in the order block, material, cell, id, and the tables of active
 !> blocks are built anew. Sorts happen rarely and are decided for the whole run at once.
+!>
+!> Chunks are cut into parts, a few for each thread. A part finds the blocks of its particles and counts them; the parts agree on
+!> the numbers of the blocks and on who puts its particles where in a group; at last every group is brought into the order
+!> of cell and id, which forgets who put what where: the result does not depend on the parts.
 module gimp_resort
   use gimp_kinds, only: wp, i8, lanes
-  use gimp_grid, only: block_key, nodes_per_block
+  use gimp_grid, only: block_key, block_at_key, nodes_per_block
   use gimp_blocks, only: build_blocks
   use gimp_images, only: images_wanted, build_images
   use gimp_hash_table, only: hash_table_t, clear_table, insert_key
-  use gimp_sorting, only: sort_order
-  use gimp_particles, only: particles_t, group_t, allot_chunks, swap_chunks
+  use gimp_sorting, only: rank_keys, sort_order
+  use gimp_particles, only: particles_t, group_t, few_chunks
+  use gimp_reorder, only: reorder_particles, reorder_bytes
   use gimp_basis, only: basis_linear, basis_cpgimp, basis_bspline2, basis_bspline3, narrow_half
-  use gimp_engine, only: engine_t, allot_grid
+  use gimp_engine, only: engine_t, allot_grid, borrow_pads
+  use omp_lib, only: omp_get_max_threads
+  use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
   implicit none(type, external)
   private
   public :: sort_particles
+
+  integer, parameter :: spare = -1 !! the source of a lane without a particle
+  integer, parameter :: most_in_part = 2**21 !! chunks: `home` has room for a block for each of their particles
+  integer, parameter :: few_groups = 16 !! not worth waking other threads for
+  integer, parameter :: few = 32 !! particles of a cell that are put in order by insertion
+
+  !> Consecutive chunks that one thread works on, and the blocks that their particles go to
+  type :: part_t
+    integer :: first = 1, last = 0 !! chunks
+    integer :: group = 1 !! of the first chunk
+    type(hash_table_t) :: table !! key of a block -> its number in this part
+    integer :: blocks = 0
+    integer(i8), allocatable :: key(:) !! (block of this part)
+    integer, allocatable :: block(:) !! (block of this part) its number in the run
+    integer, allocatable :: count(:, :) !! (material, block of this part) particles
+    integer(i8), allocatable :: place(:, :) !! (material, block of this part) where its next particle goes
+  end type part_t
 
 contains
 
@@ -20,288 +44,353 @@ contains
   subroutine sort_particles(engine, remove)
     type(engine_t), intent(inout) :: engine
     logical, intent(in), optional :: remove(:, :) !! (lane, chunk)
-    integer, allocatable :: bin(:, :), at(:, :), block_at(:, :), home(:, :), source(:), first_in_bin(:), extra(:, :)
-    integer :: bins, places
+    type(part_t), allocatable :: parts(:)
+    type(group_t), allocatable :: groups(:)
+    integer, allocatable :: home(:, :), block_at(:, :), extra(:, :), in_group(:)
+    integer(i8), pointer, contiguous :: source(:)
+    type(c_ptr) :: memory, buffer
+    integer(i8) :: source_bytes
+    integer :: k, chunks
 
-    call assign_blocks(engine, remove, home, block_at)
+    call cut_chunks(engine%particles, parts)
+    allocate (home(lanes, engine%particles%chunks))
+    !$omp parallel do schedule(dynamic, 1) if(size(parts) > 1)
+    do k = 1, size(parts)
+      call find_homes(engine, parts(k), home, remove)
+    end do
+    !$omp end parallel do
+    call number_blocks(parts, block_at)
     call images_wanted(engine%grid, block_at, extra)
-    at = block_at
-    call build_blocks(engine%table, engine%grid, at, extra)
+    call build_blocks(engine%table, engine%grid, block_at, extra)
     call build_images(engine%grid, engine%table, engine%images)
-    call assign_bins(engine, home, bin)
-    bins = engine%table%blocks*size(engine%laws)*nodes_per_block
-    call count_bins(engine, bin, bins, first_in_bin, places)
-    call place_particles(engine, bin, first_in_bin, places, source)
-    call move_particles(engine, source, places)
+    call make_groups(engine, parts, groups, in_group)
+    chunks = 0
+    if (size(groups) > 0) chunks = groups(size(groups))%last
+    source_bytes = source_size(chunks)
+    call borrow_pads(engine, [source_bytes, reorder_bytes(chunks)], memory, buffer)
+    call c_f_pointer(memory, source, [int(lanes, i8)*chunks])
+    !$omp parallel do schedule(dynamic, 1) if(size(parts) > 1)
+    do k = 1, size(parts)
+      call list_sources(engine%particles, parts(k), home, source)
+    end do
+    !$omp end parallel do
+    deallocate (home)
+    call order_groups(engine%particles%id, groups, in_group, source)
+    call reorder_particles(engine%particles, chunks, source, buffer)
+    call move_alloc(groups, engine%particles%groups)
+    engine%particles%n = sum(int(in_group, i8))
     call allot_grid(engine)
   end subroutine sort_particles
 
-  !> Coordinate of the lowest node that a particle's narrow support touches, along one axis, in cells from the box corner
-  pure integer function support_base(engine, c, l, k, block_at) result(base)
-    type(engine_t), intent(in) :: engine
-    integer, intent(in) :: c, l, k, block_at
-    real(wp) :: x
-    x = engine%particles%p(l, k, c)
-    select case (engine%basis)
-    case (basis_linear)
-      continue
-    case (basis_bspline2, basis_bspline3) ! as spline_reach
-      x = x - merge(0.5_wp, 1.0_wp, engine%basis == basis_bspline2 .and. engine%grid%open_degree == 0)
-    case (basis_cpgimp)
-      x = x - min(narrow_half, engine%particles%p(l, engine%particles%domain%first + k - 1, c))
-    case default
-      if (engine%particles%half_length%first > 0) then
-        x = x - min(narrow_half, engine%particles%p(l, engine%particles%half_length%first + k - 1, c))
-      else
-        x = x - min(narrow_half, engine%particles%uniform_half(k))
-      end if
-    end select
-    base = floor(x) + block_at*engine%grid%edge(k)
-  end function support_base
+  !> Bytes of the list of sources
+  pure integer(i8) function source_size(chunks)
+    integer, intent(in) :: chunks
+    source_size = int(storage_size(1_i8)/8, i8)*lanes*max(1, chunks)
+  end function source_size
 
-  !> The block of every particle: `home` is its number in `block_at`, which ascends by key; 0 for spare lanes.
-  !> Positions wrap around periodic axes here.
-  subroutine assign_blocks(engine, remove, home, block_at)
+  !> Equal parts of the chunks
+  subroutine cut_chunks(particles, parts)
+    type(particles_t), intent(in) :: particles
+    type(part_t), allocatable, intent(out) :: parts(:)
+    integer :: k, g, n
+    n = omp_get_max_threads()
+    if (n > 1) n = 4*n
+    n = max(1, min(n, particles%chunks/few_chunks), particles%chunks/most_in_part + 1)
+    allocate (parts(n))
+    g = 1
+    do k = 1, n
+      parts(k)%first = 1 + int(int(particles%chunks, i8)*(k - 1)/n)
+      parts(k)%last = int(int(particles%chunks, i8)*k/n)
+      do while (g < size(particles%groups))
+        if (particles%groups(g)%last >= parts(k)%first) exit
+        g = g + 1
+      end do
+      parts(k)%group = g
+    end do
+  end subroutine cut_chunks
+
+  !> Block and cell of all particles of a part: `home` is cell + nodes_per_block*(block of the part), 0 for spare lanes.
+  !> Positions wrap around periodic axes and become relative to the new block.
+  subroutine find_homes(engine, part, home, remove)
     type(engine_t), intent(inout) :: engine
-    logical, intent(in), optional :: remove(:, :)
-    integer, allocatable, intent(out) :: home(:, :), block_at(:, :)
-    type(hash_table_t) :: table
-    integer, allocatable :: found(:, :), wider(:, :), order(:), rank(:)
-    integer(i8), allocatable :: keys(:)
-    integer(i8) :: key, last_key
-    integer :: g, c, l, k, n, base(3), at(3), here(3), last, wrap, value
+    type(part_t), intent(inout) :: part
+    integer, intent(inout) :: home(lanes, engine%particles%chunks)
+    logical, intent(in), optional :: remove(:, :) !! (lane, chunk)
+    integer :: off(lanes, 3), cell(lanes), g, c, l, here, last, last_off(3)
+    logical :: stay
 
-    associate (particles => engine%particles, grid => engine%grid)
-      allocate (home(lanes, particles%chunks), source=0)
-      allocate (found(3, 64))
-      call clear_table(table, max(64, engine%table%blocks))
-      n = 0
-      last = 0
-      last_key = -1
-      do g = 1, size(particles%groups)
-        here = particles%groups(g)%at
-        do c = particles%groups(g)%first, particles%groups(g)%last
+    call clear_table(part%table, 64)
+    allocate (part%key(64), part%count(size(engine%laws), 64))
+    part%count = 0
+    off = 0
+    associate (particles => engine%particles)
+      do g = part%group, size(particles%groups)
+        if (particles%groups(g)%first > part%last) exit
+        here = 0 ! number of the group's own block, when it is known
+        last = 0
+        last_off = huge(1)
+        do c = max(part%first, particles%groups(g)%first), min(part%last, particles%groups(g)%last)
+          call shift_chunk(engine, particles%groups(g)%at, particles%components, particles%p(:, :, c), off, cell)
+          stay = all(off == 0)
           do l = 1, lanes
+            home(l, c) = 0
             if (particles%id(l, c) == 0) cycle
             if (present(remove)) then
               if (remove(l, c)) cycle
             end if
-            at = 0
-            do k = 1, grid%dim
-              if (grid%periodic(k)) then
-                wrap = floor(particles%p(l, k, c)) + here(k)*grid%edge(k)
-                wrap = (wrap - modulo(wrap, grid%cells(k)))/grid%cells(k)
-                if (wrap /= 0) particles%p(l, k, c) = particles%p(l, k, c) - wrap*grid%cells(k)
-              end if
-              base(k) = support_base(engine, c, l, k, here(k))
-              at(k) = (base(k) - modulo(base(k), grid%edge(k)))/grid%edge(k)
-            end do
-            key = block_key(at)
-            if (key /= last_key) then
-              call insert_key(table, key, n + 1, value)
-              if (value > n) then
-                if (n == size(found, 2)) then
-                  allocate (wider(3, 2*n))
-                  wider(:, :n) = found
-                  call move_alloc(wider, found)
-                end if
-                n = n + 1
-                found(:, n) = at
-              end if
-              last = value
-              last_key = key
+            if (stay .or. all(off(l, :) == 0)) then
+              if (here == 0) call find_block(part, block_key(particles%groups(g)%at), here)
+              last = here
+              last_off = 0
+            else if (any(off(l, :) /= last_off)) then
+              last_off = off(l, :)
+              call find_block(part, block_key(particles%groups(g)%at + last_off), last)
             end if
-            home(l, c) = last
+            home(l, c) = cell(l) + nodes_per_block*last
+            part%count(particles%groups(g)%material, last) = part%count(particles%groups(g)%material, last) + 1
           end do
         end do
       end do
     end associate
-    allocate (keys(n), rank(0:n))
-    do k = 1, n
-      keys(k) = block_key(found(:, k))
-    end do
-    call sort_order(keys, order)
-    block_at = found(:, order)
-    rank(0) = 0
-    do k = 1, n
-      rank(order(k)) = k
-    end do
-    do c = 1, size(home, 2)
-      home(:, c) = rank(home(:, c))
-    end do
-  end subroutine assign_blocks
+  end subroutine find_homes
 
-  !> Bin of every particle: (block, material, cell); positions become relative to the new block
-  subroutine assign_bins(engine, home, bin)
-    type(engine_t), intent(inout) :: engine
-    integer, intent(in) :: home(:, :)
-    integer, allocatable, intent(out) :: bin(:, :)
-    integer :: g, c, l, k, cell(3), b, m, base, old_at(3)
-    allocate (bin(lanes, engine%particles%chunks), source=0)
-    associate (particles => engine%particles, grid => engine%grid)
-      do g = 1, size(particles%groups)
-        m = particles%groups(g)%material
-        old_at = particles%groups(g)%at
-        do c = particles%groups(g)%first, particles%groups(g)%last
-          do l = 1, lanes
-            b = home(l, c)
-            if (b == 0) cycle
-            cell = 0
-            do k = 1, grid%dim
-              particles%p(l, k, c) = particles%p(l, k, c) + (old_at(k) - engine%table%block_at(k, b))*grid%edge(k)
-              base = support_base(engine, c, l, k, 0)
-              ! shifting by whole cells may round a position onto a face: it stays in its block
-              cell(k) = min(grid%edge(k) - 1, max(0, base))
-            end do
-            bin(l, c) = 1 + cell(1) + grid%edge(1)*(cell(2) + grid%edge(2)*cell(3)) &
-              + nodes_per_block*(m - 1 + size(engine%laws)*(b - 1))
-          end do
+  !> Number of a block in a part
+  subroutine find_block(part, key, number)
+    type(part_t), intent(inout) :: part
+    integer(i8), intent(in) :: key
+    integer, intent(out) :: number
+    integer, allocatable :: wider(:, :)
+    call insert_key(part%table, key, part%blocks + 1, number)
+    if (number <= part%blocks) return
+    if (number > size(part%key)) then
+      part%key = [part%key, part%key]
+      allocate (wider(size(part%count, 1), size(part%key)), source=0)
+      wider(:, :part%blocks) = part%count
+      call move_alloc(wider, part%count)
+    end if
+    part%blocks = number
+    part%key(number) = key
+  end subroutine find_block
+
+  !> How many blocks each lane of a chunk has moved, and the cell it is now in; positions become relative to the new block
+  subroutine shift_chunk(engine, at, components, p, off, cell)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: at(3), components
+    real(wp), intent(inout) :: p(lanes, components)
+    integer, intent(inout) :: off(lanes, 3)
+    integer, intent(out) :: cell(lanes)
+    real(wp) :: half(lanes), x(lanes), edge
+    integer :: k, l, stride, wrap, in_edge, q
+    cell = 0
+    stride = 1
+    do k = 1, engine%grid%dim
+      in_edge = engine%grid%edge(k)
+      edge = in_edge
+      x = p(:, k)
+      if (engine%grid%periodic(k)) then
+        do l = 1, lanes
+          wrap = floor(x(l)) + at(k)*in_edge
+          wrap = (wrap - modulo(wrap, engine%grid%cells(k)))/engine%grid%cells(k)
+          if (wrap /= 0) x(l) = x(l) - wrap*engine%grid%cells(k)
         end do
-      end do
-    end associate
-  end subroutine assign_bins
-
-  !> Count the particles of every bin; groups and where each bin starts, in lanes of the new chunks
-  subroutine count_bins(engine, bin, bins, first_in_bin, places)
-    type(engine_t), intent(inout) :: engine
-    integer, intent(in) :: bin(:, :), bins
-    integer, allocatable, intent(out) :: first_in_bin(:)
-    integer, intent(out) :: places !! lanes of all new chunks
-    integer, allocatable :: count(:)
-    type(group_t), allocatable :: groups(:)
-    integer :: c, l, b, m, k, n, laws, in_group
-    allocate (count(bins), first_in_bin(bins), source=0)
-    do c = 1, size(bin, 2)
+      end if
+      select case (engine%basis)
+      case (basis_linear)
+        half = 0.0_wp
+      case (basis_bspline2, basis_bspline3) ! as spline_reach
+        half = merge(0.5_wp, 1.0_wp, engine%basis == basis_bspline2 .and. engine%grid%open_degree == 0)
+      case default
+        q = engine%particles%half_length%first
+        if (engine%basis == basis_cpgimp) q = engine%particles%domain%first
+        if (q > 0) then
+          half = min(narrow_half, p(:, q + k - 1))
+        else
+          half = min(narrow_half, engine%particles%uniform_half(k))
+        end if
+      end select
+      !$omp simd
       do l = 1, lanes
-        if (bin(l, c) > 0) count(bin(l, c)) = count(bin(l, c)) + 1
+        off(l, k) = floor((x(l) - half(l))/edge) ! exact: edges are powers of two
+        x(l) = x(l) - off(l, k)*edge
+        ! shifting by whole blocks may round a position onto a face: it stays in its block
+        cell(l) = cell(l) + stride*min(in_edge - 1, max(0, floor(x(l) - half(l))))
+      end do
+      p(:, k) = x
+      stride = stride*in_edge
+    end do
+  end subroutine shift_chunk
+
+  !> Number the blocks of all parts in the order of their keys
+  subroutine number_blocks(parts, block_at)
+    type(part_t), intent(inout) :: parts(:)
+    integer, allocatable, intent(out) :: block_at(:, :) !! (3, block)
+    integer(i8), allocatable :: keys(:), distinct(:)
+    integer, allocatable :: rank(:)
+    integer :: k, n, b
+    allocate (keys(sum(parts%blocks)))
+    n = 0
+    do k = 1, size(parts)
+      keys(n + 1:n + parts(k)%blocks) = parts(k)%key(:parts(k)%blocks)
+      n = n + parts(k)%blocks
+    end do
+    call rank_keys(keys, distinct, rank)
+    n = 0
+    do k = 1, size(parts)
+      parts(k)%block = rank(n + 1:n + parts(k)%blocks)
+      n = n + parts(k)%blocks
+    end do
+    allocate (block_at(3, size(distinct)))
+    do b = 1, size(distinct)
+      block_at(:, b) = block_at_key(distinct(b))
+    end do
+  end subroutine number_blocks
+
+  !> The groups, and where every part puts its particles
+  subroutine make_groups(engine, parts, groups, in_group)
+    type(engine_t), intent(inout) :: engine
+    type(part_t), intent(inout) :: parts(:)
+    type(group_t), allocatable, intent(out) :: groups(:)
+    integer, allocatable, intent(out) :: in_group(:) !! (group) particles
+    integer, allocatable :: total(:, :) ! (material, block)
+    integer(i8), allocatable :: next(:, :) ! (material, block) place
+    integer :: k, b, m, n, chunks
+    allocate (total(size(engine%laws), engine%table%blocks), source=0)
+    allocate (next(size(engine%laws), engine%table%blocks), source=0_i8)
+    do k = 1, size(parts)
+      do b = 1, parts(k)%blocks
+        total(:, parts(k)%block(b)) = total(:, parts(k)%block(b)) + parts(k)%count(:, b)
       end do
     end do
-    laws = size(engine%laws)
-    allocate (groups(engine%table%blocks*laws))
+    allocate (groups(count(total > 0)))
+    allocate (in_group(size(groups)))
     if (allocated(engine%particles%block_group)) deallocate (engine%particles%block_group)
     allocate (engine%particles%block_group(engine%table%blocks + 1))
     n = 0
-    places = 0
+    chunks = 0
     do b = 1, engine%table%blocks
       engine%particles%block_group(b) = n + 1
-      do m = 1, laws
-        in_group = 0
-        do k = (m - 1 + laws*(b - 1))*nodes_per_block + 1, (m + laws*(b - 1))*nodes_per_block
-          first_in_bin(k) = places + in_group
-          in_group = in_group + count(k)
-        end do
-        if (in_group == 0) cycle
+      do m = 1, size(engine%laws)
+        if (total(m, b) == 0) cycle
         n = n + 1
-        groups(n)%block = b
-        groups(n)%material = m
-        groups(n)%at = engine%table%block_at(:, b)
-        groups(n)%first = places/lanes + 1
-        places = places + (in_group + lanes - 1)/lanes*lanes
-        groups(n)%last = places/lanes
+        next(m, b) = int(lanes, i8)*chunks
+        groups(n) = group_t(b, m, chunks + 1, chunks + (total(m, b) + lanes - 1)/lanes, engine%table%block_at(:, b))
+        in_group(n) = total(m, b)
+        chunks = groups(n)%last
       end do
     end do
     engine%particles%block_group(engine%table%blocks + 1) = n + 1
-    engine%particles%groups = groups(:n)
-  end subroutine count_bins
-
-  !> The source lane of every new lane (0: spare); within a bin by id, so that the order never depends on history
-  subroutine place_particles(engine, bin, first_in_bin, places, source)
-    type(engine_t), intent(in) :: engine
-    integer, intent(in) :: bin(:, :), places
-    integer, intent(inout) :: first_in_bin(:)
-    integer, allocatable, intent(out) :: source(:)
-    integer, allocatable :: filled(:)
-    integer(i8) :: id
-    integer :: c, l, k, q, to
-    allocate (source(0:max(places, 1) - 1), source=0)
-    allocate (filled(size(first_in_bin)), source=0)
-    do c = 1, size(bin, 2)
-      do l = 1, lanes
-        k = bin(l, c)
-        if (k == 0) cycle
-        id = engine%particles%id(l, c)
-        to = first_in_bin(k) + filled(k)
-        q = to
-        do while (q > first_in_bin(k)) ! insertion by id: nearly always already in place
-          if (id_of(source(q - 1)) < id) exit
-          source(q) = source(q - 1)
-          q = q - 1
-        end do
-        source(q) = (c - 1)*lanes + l
-        filled(k) = filled(k) + 1
+    do k = 1, size(parts)
+      allocate (parts(k)%place(size(engine%laws), parts(k)%blocks))
+      do b = 1, parts(k)%blocks
+        parts(k)%place(:, b) = next(:, parts(k)%block(b))
+        next(:, parts(k)%block(b)) = next(:, parts(k)%block(b)) + parts(k)%count(:, b)
       end do
     end do
+  end subroutine make_groups
 
-  contains
-
-    integer(i8) function id_of(place)
-      integer, intent(in) :: place
-      id_of = engine%particles%id(modulo(place - 1, lanes) + 1, (place - 1)/lanes + 1)
-    end function id_of
-
-  end subroutine place_particles
-
-  !> Carry every field to its new place
-  subroutine move_particles(engine, source, places)
-    type(engine_t), intent(inout) :: engine
-    integer, intent(in) :: places
-    integer, intent(in) :: source(0:max(places, 1) - 1)
-    integer :: chunks
-    chunks = places/lanes
-    call allot_chunks(engine%particles, chunks)
-    associate (particles => engine%particles)
-      call copy_lanes(particles%components, particles%chunks, chunks, source, particles%p, particles%id, particles%spare, &
-                      particles%spare_id)
-      call fill_spare_lanes(particles, chunks, particles%spare, particles%spare_id)
-    end associate
-    call swap_chunks(engine%particles)
-    engine%particles%n = count(engine%particles%id > 0, kind=i8)
-  end subroutine move_particles
-
-  subroutine copy_lanes(components, old_chunks, chunks, source, old, old_id, new, new_id)
-    integer, intent(in) :: components, old_chunks, chunks, source(0:lanes*chunks - 1)
-    real(wp), intent(in) :: old(lanes, components, old_chunks)
-    integer(i8), intent(in) :: old_id(lanes, old_chunks)
-    real(wp), intent(inout) :: new(lanes, components, chunks)
-    integer(i8), intent(inout) :: new_id(lanes, chunks)
-    integer :: c, l, f, from(lanes), at(lanes)
-    !$omp parallel do schedule(static) private(l, f, from, at)
-    do c = 1, chunks
-      do l = 1, lanes
-        from(l) = max(0, source((c - 1)*lanes + l - 1) - 1)
-        at(l) = from(l)/lanes + 1
-        new_id(l, c) = merge(old_id(modulo(from(l), lanes) + 1, at(l)), 0_i8, source((c - 1)*lanes + l - 1) > 0)
-        from(l) = modulo(from(l), lanes) + 1
-      end do
-      do l = 1, lanes
-        do f = 1, components
-          new(l, f, c) = old(from(l), f, at(l))
-        end do
-      end do
-    end do
-    !$omp end parallel do
-  end subroutine copy_lanes
-
-  !> Spare lanes hold a twin of the chunk's first particle, without mass, volume and force
-  pure subroutine fill_spare_lanes(particles, chunks, p, id)
+  !> Put cell + nodes_per_block*(old lane, from 0) of every particle of a part where its group is
+  subroutine list_sources(particles, part, home, source)
     type(particles_t), intent(in) :: particles
-    integer, intent(in) :: chunks
-    real(wp), intent(inout) :: p(lanes, particles%components, chunks)
-    integer(i8), intent(in) :: id(lanes, chunks)
-    integer :: c, l, q
-    do c = 1, chunks
-      do l = 1, lanes
-        if (id(l, c) > 0) cycle
-        p(l, :, c) = p(1, :, c) ! lane 1 is never spare: a twin of it moves as a real particle does, and weighs nothing
-        p(l, particles%mass%first, c) = 0.0_wp
-        p(l, particles%volume%first, c) = 0.0_wp
-        if (particles%force%first > 0) then
-          q = particles%force%first
-          p(l, q:q + particles%dim - 1, c) = 0.0_wp
-        end if
-        if (particles%faces%first > 0) p(l, particles%faces%first, c) = 0.0_wp
+    type(part_t), intent(inout) :: part
+    integer, intent(in) :: home(lanes, particles%chunks)
+    integer(i8), intent(inout) :: source(0:*)
+    integer :: g, c, l, b, m
+    do g = part%group, size(particles%groups)
+      if (particles%groups(g)%first > part%last) exit
+      m = particles%groups(g)%material
+      do c = max(part%first, particles%groups(g)%first), min(part%last, particles%groups(g)%last)
+        do l = 1, lanes
+          b = home(l, c)/nodes_per_block
+          if (b == 0) cycle
+          source(part%place(m, b)) = modulo(home(l, c), nodes_per_block) &
+                                     + nodes_per_block*(lanes*(c - 1_i8) + (l - 1))
+          part%place(m, b) = part%place(m, b) + 1
+        end do
       end do
     end do
-  end subroutine fill_spare_lanes
+  end subroutine list_sources
+
+  !> Bring every group into the order of cell and id; `source` then holds old lanes
+  subroutine order_groups(old_id, groups, in_group, source)
+    integer(i8), intent(in) :: old_id(0:*)
+    type(group_t), intent(in) :: groups(:)
+    integer, intent(in) :: in_group(:)
+    integer(i8), intent(inout) :: source(0:*)
+    integer(i8), allocatable :: lane(:), id(:)
+    integer(i8) :: first
+    integer :: g, most
+    most = 0
+    if (size(in_group) > 0) most = maxval(in_group)
+    !$omp parallel private(lane, id, first) if(size(in_group) > few_groups)
+    allocate (lane(most), id(most))
+    !$omp do schedule(dynamic, 16)
+    do g = 1, size(in_group)
+      first = (groups(g)%first - 1_i8)*lanes
+      call order_group(in_group(g), old_id, source(first), lane, id)
+      source(first + in_group(g):int(lanes, i8)*groups(g)%last - 1) = spare
+    end do
+    !$omp end do
+    !$omp end parallel
+  end subroutine order_groups
+
+  !> Stable counting sort by cell, then by id within the cells: nearly always already in place
+  subroutine order_group(n, old_id, source, lane, id)
+    integer, intent(in) :: n
+    integer(i8), intent(in) :: old_id(0:*)
+    integer(i8), intent(inout) :: source(n)
+    integer(i8), intent(inout) :: lane(n), id(n)
+    integer :: start(0:nodes_per_block), i, k, cell
+    start = 0
+    do i = 1, n
+      cell = int(modulo(source(i), int(nodes_per_block, i8))) + 1
+      start(cell) = start(cell) + 1
+    end do
+    start(0) = 1
+    do cell = 1, nodes_per_block
+      start(cell) = start(cell) + start(cell - 1)
+    end do
+    do i = 1, n
+      cell = int(modulo(source(i), int(nodes_per_block, i8)))
+      k = start(cell)
+      start(cell) = k + 1
+      lane(k) = source(i)/nodes_per_block
+      id(k) = old_id(lane(k))
+    end do
+    k = 1
+    do cell = 0, nodes_per_block - 1 ! start(cell) is now where the cell ends
+      call order_ids(start(cell) - k, lane(k), id(k))
+      k = start(cell)
+    end do
+    source = lane
+  end subroutine order_group
+
+  !> Bring the particles of a cell into the order of their ids
+  subroutine order_ids(n, lane, id)
+    integer, intent(in) :: n
+    integer(i8), intent(inout) :: lane(n), id(n)
+    integer, allocatable :: order(:)
+    integer(i8) :: this, that
+    integer :: i, q
+    if (n > few) then
+      if (all(id(2:) > id(:n - 1))) return
+      call sort_order(id, order)
+      lane = lane(order)
+      return
+    end if
+    do i = 2, n
+      if (id(i) > id(i - 1)) cycle
+      this = id(i)
+      that = lane(i)
+      q = i
+      do while (q > 1)
+        if (id(q - 1) < this) exit
+        id(q) = id(q - 1)
+        lane(q) = lane(q - 1)
+        q = q - 1
+      end do
+      id(q) = this
+      lane(q) = that
+    end do
+  end subroutine order_ids
 
 end module gimp_resort

@@ -31,7 +31,7 @@ CASES = {
 def test_same_bits_on_any_number_of_threads(run_scene, tmp_path, case):
     scene, overrides = CASES[case]
     hashes, residuals = set(), set()
-    for threads in (1, 2, 3):
+    for threads in (1, 2, 3, 4, 8):  # more threads than most scenes have blocks, and more than processors
         folder = tmp_path / str(threads)
         folder.mkdir()
         text = (INPUTS / scene).read_text() + f"\n&parallel threads = {threads} /\n"

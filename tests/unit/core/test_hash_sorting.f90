@@ -2,7 +2,7 @@
 program test_hash_sorting
   use gimp_kinds, only: i8
   use gimp_hash_table, only: hash_table_t, clear_table, insert_key, find_key, mix_bits
-  use gimp_sorting, only: sort_order
+  use gimp_sorting, only: sort_order, rank_keys
   use gimp_check, only: begin_suite, end_suite, check, check_true
   implicit none(type, external)
 
@@ -104,6 +104,7 @@ contains
 
   subroutine test_sort_special()
     integer, allocatable :: order(:)
+    integer(i8), allocatable :: distinct(:)
     integer(i8) :: none(0)
     call sort_order(none, order)
     call check(size(order), 0, "nothing to sort")
@@ -113,6 +114,11 @@ contains
     call check_true(all(order == [1, 2, 3]), "equal keys stay")
     call sort_order([2_i8**62, 256_i8, 255_i8, 2_i8**32], order)
     call check_true(all(order == [3, 2, 4, 1]), "bytes far apart")
+    call rank_keys([9_i8, 4_i8, 9_i8, 2_i8**40, 4_i8], distinct, order)
+    call check_true(all(distinct == [4_i8, 9_i8, 2_i8**40]), "each key once, ascending")
+    call check_true(all(order == [2, 1, 2, 3, 1]), "and where every key stands among them")
+    call rank_keys(none, distinct, order)
+    call check(size(distinct) + size(order), 0, "nothing to rank")
   end subroutine test_sort_special
 
 end program test_hash_sorting

@@ -1,2 +1,3 @@
 gimp_add_unit_test(particles test_shapes)
 gimp_add_unit_test(particles test_fill)
+gimp_add_unit_test(particles test_reorder)

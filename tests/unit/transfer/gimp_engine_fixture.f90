@@ -2,7 +2,7 @@
 module gimp_engine_fixture
   use gimp_kinds, only: wp, i8, lanes
   use gimp_grid, only: make_grid, nodes_per_block, fields_per_node
-  use gimp_particles, only: add_field, allot_chunks, swap_chunks, group_t
+  use gimp_particles, only: add_field, allot_chunks, clear_chunks, group_t
   use gimp_basis, only: basis_linear, basis_cpgimp
   use gimp_engine, only: engine_t
   use gimp_neo_hookean, only: neo_hookean_t
@@ -158,9 +158,7 @@ contains
         chunks = p%groups(m)%last
       end do
       call allot_chunks(p, chunks)
-      call swap_chunks(p)
-      p%p = 0.0_wp
-      p%id = 0
+      call clear_chunks(p)
       do m = 1, size(engine%laws)
         c = p%groups(m)%first
         l = 0

@@ -2,13 +2,14 @@
 program test_sort
   use gimp_kinds, only: wp, i8, lanes
   use gimp_basis, only: basis_linear, basis_ugimp, basis_cpgimp
-  use gimp_engine, only: engine_t, pass_t
+  use gimp_engine, only: engine_t, pass_t, pad_bytes, grid_bytes
   use gimp_resort, only: sort_particles
   use gimp_particle_pass, only: particle_pass
   use gimp_images, only: fold_images
   use gimp_engine_fixture, only: cloud_t, random_cloud, make_engine, read_cloud, node_sums, random_reals
   use gimp_text, only: text_of
   use gimp_check, only: begin_suite, end_suite, check, check_true
+  use omp_lib, only: omp_set_num_threads, omp_get_max_threads
   implicit none(type, external)
 
   integer :: seed = 99, dim, basis
@@ -22,6 +23,11 @@ program test_sort
     call test_periodic(dim)
   end do
   call test_removal()
+  do dim = 1, 3
+    call test_threads(dim)
+  end do
+  call test_crowd()
+  call test_counts()
   call end_suite()
 
 contains
@@ -233,5 +239,75 @@ contains
     call check(engine%table%blocks, 0, "and leave no block")
     call particle_pass(engine, pass_t(momentum=.true.))
   end subroutine test_removal
+
+  !> Any number of threads sorts the same, far moves (the first sort) and near ones, with more and with fewer chunks than before
+  subroutine test_threads(dim)
+    integer, intent(in) :: dim
+    integer, parameter :: threads(4) = [1, 2, 3, 8]
+    type(engine_t) :: engine(size(threads))
+    type(cloud_t) :: cloud
+    real(wp) :: high(3), u(3)
+    integer :: t, c, l, k, round, mark, usual
+    usual = omp_get_max_threads()
+    high = 0.0_wp
+    high(:dim) = box(dim)
+    call random_cloud(dim, 6000, [0.0_wp, 0.0_wp, 0.0_wp], 0.7_wp*high, 0.1_wp, 0.4_wp, seed, cloud)
+    cloud%material(::5) = 2
+    mark = seed
+    do t = 1, size(threads)
+      call omp_set_num_threads(threads(t))
+      call make_engine(dim, basis_ugimp, box(dim), 1.0_wp, cloud, engine(t))
+      call sort_particles(engine(t))
+      do round = 1, 3
+        seed = mark
+        do c = 1, engine(t)%particles%chunks
+          do l = 1, lanes
+            call random_reals(seed, u)
+            do k = 1, dim
+              engine(t)%particles%p(l, k, c) = engine(t)%particles%p(l, k, c) + 0.3_wp*u(k) + merge(0.5_wp, -0.5_wp, round < 3)
+            end do
+          end do
+        end do
+        call sort_particles(engine(t))
+      end do
+      call check(count(engine(t)%particles%id > 0), cloud%n, "every particle is there, "//text_of(threads(t))//" threads")
+      call check_true(all(shape(engine(t)%particles%p) == shape(engine(1)%particles%p)), "as many chunks")
+      call check_true(all(engine(t)%particles%id == engine(1)%particles%id) .and. all(engine(t)%particles%p == engine(1)%particles%p) &
+                      .and. all(engine(t)%table%slot_at == engine(1)%table%slot_at) &
+                      .and. all(engine(t)%table%slot_near == engine(1)%table%slot_near), &
+                      "the same bits, "//text_of(dim)//"D, "//text_of(threads(t))//" threads")
+    end do
+    call omp_set_num_threads(usual)
+  end subroutine test_threads
+
+  !> Hundreds of particles in a cell, in falling order of their numbers
+  subroutine test_crowd()
+    type(engine_t) :: engine
+    type(cloud_t) :: cloud
+    integer :: i, c, l, wrong
+    integer(i8) :: last
+    call random_cloud(2, 900, [0.0_wp, 0.0_wp, 0.0_wp], [1.0_wp, 1.0_wp, 0.0_wp], 0.0_wp, 0.0_wp, seed, cloud)
+    cloud%id = [(int(cloud%n + 1 - i, i8), i=1, cloud%n)]
+    call make_engine(2, basis_linear, box(2), 1.0_wp, cloud, engine)
+    call sort_particles(engine)
+    wrong = 0
+    last = 0
+    do c = 1, engine%particles%chunks
+      do l = 1, lanes
+        if (engine%particles%id(l, c) == 0) cycle
+        if (engine%particles%id(l, c) /= last + 1) wrong = wrong + 1
+        last = engine%particles%id(l, c)
+      end do
+    end do
+    call check(wrong, 0, "a crowded cell ascends by number")
+    call check(int(last), cloud%n, "and is complete")
+  end subroutine test_crowd
+
+  !> Sizes for 1e9 and 1e10 particles, one in a cell, without the memory
+  subroutine test_counts()
+    integer, parameter :: blocks = 160000000
+    call check_true(pad_bytes(3, basis_ugimp, blocks) == 8_i8*storage_size(1.0_wp)/8*512*blocks, "bytes of pads")
+    call check_true(grid_bytes(blocks) == 8_i8*storage_size(1.0_wp)/8*64*blocks, "bytes of the grid")
+  end subroutine test_counts
 
 end program test_sort
