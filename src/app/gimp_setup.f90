@@ -9,7 +9,7 @@ module gimp_setup
   use gimp_material_options, only: material_options_t
   use gimp_material_table, only: make_material
   use gimp_verification, only: verification_t, verification_options_t, make_verification, has_body_force
-  use gimp_engine, only: law_t, affine_none, affine_apic, affine_tpic
+  use gimp_engine, only: law_t, affine_none, affine_apic, affine_tpic, affine_mls
   use gimp_walls, only: walls_t, set_walls, side_of_word, condition_of_word
   use gimp_time_table, only: time_table_t
   use gimp_loads, only: loads_t, load_traction, load_pressure, load_point, most_face_loads
@@ -163,10 +163,12 @@ contains
     select case (word_of(scene, "method", 1, "transfer"))
     case ("apic"); s%engine%affine = affine_apic
     case ("tpic"); s%engine%affine = affine_tpic
+    case ("mls"); s%engine%affine = affine_mls
     case default; s%engine%affine = affine_none
     end select
     if (s%engine%affine /= affine_none .and. s%engine%basis == basis_linear) call complain(error, scene, "method", 1, &
       "transfer", "diverges with basis = 'linear' (the carried gradient grows without bound at light nodes); use flip")
+    if (s%engine%affine == affine_mls) call check_least_squares(scene, s, error)
     s%method%cutoff = real_of(scene, "method", 1, "mass_cutoff")
     s%method%half_start = logical_of(scene, "method", 1, "half_step_start")
     select case (word_of(scene, "method", 1, "damping"))
@@ -179,6 +181,21 @@ contains
     if (s%engine%basis == basis_ugimp .and. is_given(scene, "method", 1, "domain")) &
       call complain(error, scene, "method", 1, "domain", "is read with basis = 'cpgimp' only")
   end subroutine set_up_method
+
+  !> Moving least squares take w D^-1 (x_i - x_p) for the gradient of a weight: it is one where D is the same for every particle
+  subroutine check_least_squares(scene, s, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(in) :: s
+    type(error_t), allocatable, intent(inout) :: error
+    if (spline_degree(s%engine%basis) == 0) then
+      call complain(error, scene, "method", 1, "transfer", "does not converge with this basis; it is for the equal splines of "// &
+                    "basis = 'bspline2' or 'bspline3' with spline_boundary = 'ghost'")
+    else if (s%engine%grid%open_degree > 0) then
+      call complain(error, scene, "method", 1, "transfer", "diverges at the ends of open knots; set spline_boundary = 'ghost'")
+    end if
+    if (word_of(scene, "time", 1, "stability_check") /= "none") call complain(error, scene, "time", 1, "stability_check", &
+      "does not know the forces of transfer = 'mls'")
+  end subroutine check_least_squares
 
   !> Where the knots of a spline end; open knots have no nodes beyond a side that images could stand for
   subroutine set_up_spline(scene, s, error)

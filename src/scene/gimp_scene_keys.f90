@@ -294,10 +294,10 @@ contains
              default="open", when="basis=bspline2|bspline3")
     call add(t, n, g, "domain", kind_word, "half length of a particle's domain from the stretch U, from F_kk, or from the "// &
              "volume", words="stretch diagonal volume", default="stretch", when="basis=cpgimp")
-    call add(t, n, g, "transfer", kind_word, "how grid velocity comes back to particles", words="flip pic apic tpic", &
-             default="?basis linear=flip *=apic", planned="mls xpic fmpm")
+    call add(t, n, g, "transfer", kind_word, "how grid velocity comes back to particles", words="flip pic apic tpic mls", &
+             default="?basis linear=flip *=apic", planned="xpic fmpm")
     call add(t, n, g, "flip_fraction", kind_real, "q in v' = S v+ + q (v - S v): the share of FLIP", range="[0,1]", &
-             default="?transfer,basis flip,linear=0.995 flip,*=1 *,*=0.95", when="transfer=flip|apic|tpic")
+             default="?transfer,basis flip,linear=0.995 flip,*=1 *,*=0.95", when="transfer=flip|apic|tpic|mls")
     call add(t, n, g, "stress_update", kind_word, "where in the step stress is updated", words="usf usl musl usavg", &
              default="musl")
     call add(t, n, g, "integrator", kind_word, "time integrator", words="symplectic", default="symplectic", &
