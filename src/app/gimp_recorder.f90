@@ -189,6 +189,7 @@ contains
     recorder%lineage = longer_lineage(lineage, step)
     call reopen_output(recorder%path, recorder%lineage, recorder%output, error)
     if (.not. allocated(error) .and. recorder%has_csv) call reopen_csv(recorder%history, csv_path(recorder), error)
+    if (.not. allocated(error)) call delete_file(recorder%name//".failed.h5", error) ! of a failure after the checkpoint
   end subroutine continue_record
 
   subroutine choose_probes(scene, s, recorder)

@@ -82,7 +82,7 @@ contains
     end do
     call line("gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//")")
     if (text_of_key(scene, "scene", 1, "title") /= "") call line("  "//text_of_key(scene, "scene", 1, "title"))
-    if (continued /= "") call line("  continued  "//continued)
+    if (continued /= "") call line("  continued "//continued)
     call line("  grid       "//cells//" cells of "//text_of(s%engine%grid%spacing)//" m")
     call line("  material   "//material_words())
     call line("  particles  "//with_thousands(s%engine%particles%n)//" in " &

@@ -116,7 +116,7 @@ contains
     bytes = file_bytes(path)
     open (newunit=unit, file=path, access="stream", form="unformatted", action="read", status="old", iostat=status)
     if (status == 0) then
-      allocate (words(piece))
+      allocate (words(max(64_i8, min(piece, bytes/8))))
       done = 0
       do while (done < bytes/8 .and. status == 0)
         n = min(piece, bytes/8 - done)

@@ -1,3 +1,4 @@
 gimp_add_unit_test(core test_tensor)
 gimp_add_unit_test(core test_hash_sorting)
 gimp_add_unit_test(core test_tensor_functions)
+gimp_add_unit_test(core test_parcel)
