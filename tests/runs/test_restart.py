@@ -23,7 +23,7 @@ KILLS = (int(os.environ.get("GIMP_KILLS", "10")) + 1)//2
 
 BLOCK = """
 &scene dimension = 2 /
-&grid lower = 0.0, 0.0 upper = 2.0, 1.0 spacing = 0.0625 /
+&grid lower = 0.0, 0.0 upper = 2.0, 1.0 spacing = 0.125 /
 &material name = "rubber" model = "neo_hookean" density = 1000.0 young_modulus = 1.0e5 poisson_ratio = 0.3 /
 &material name = "metal" model = "hencky_von_mises" density = 2000.0 young_modulus = 1.0e5 poisson_ratio = 0.3 yield_stress = 1.0e3
   hardening = "linear" hardening_modulus = 1.0e3 /
@@ -123,7 +123,7 @@ def test_same_bits_after_a_restart(run_scene, tmp_path, case):
     csv = [tmp_path / part / "x.history.csv" for part in ("whole", "parts")]
     assert csv[0].read_bytes() == csv[1].read_bytes()
     if case.startswith("2d removal"):
-        assert whole.summary["removed_particles"] > 100
+        assert whole.summary["removed_particles"] > 30
     if case == "2d wide":
         assert whole.summary["spilled_values"] > 0
 
@@ -211,7 +211,7 @@ def test_a_killed_run_goes_on(gimp_x, tmp_path, number):
         if not (newest.exists() or older.exists()):  # killed before the first one: the run starts anew
             path.unlink(missing_ok=True)
             continue
-        assert gimp_files.frame_times(path)
+        assert len(gimp_files.frame_times(path)) > 0
         arguments = ["--restart", (newest if newest.exists() else older).name]
         check = subprocess.run([str(gimp_x), "--check", *arguments], input=text, cwd=tmp_path, capture_output=True, text=True)
         assert check.returncode == 0, check.stderr
@@ -294,7 +294,7 @@ def test_foreign_and_newer_files(gimp_x, copy):
 
 def test_another_scene(gimp_x, copy):
     folder, text = copy
-    for key, value, words in (("grid.spacing", 0.125, "&grid: spacing was 0.0625 ! m, is 0.125 ! m"),
+    for key, value, words in (("grid.spacing", 0.25, "&grid: spacing was 0.125 ! m, is 0.25 ! m"),
                               ("material[1].young_modulus", 2.0e5, "&material: young_modulus was"),
                               ("body[2].velocity", [3.0, 0.1], "&body 2: velocity was"),
                               ("method.stress_update", "usl", '&method: stress_update was "musl", is "usl"'),
