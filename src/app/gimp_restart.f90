@@ -14,13 +14,13 @@ module gimp_restart
   use gimp_grid, only: nf => fields_per_node
   use gimp_particles, only: group_t
   use gimp_engine, only: engine_t
-  use gimp_rebuild, only: rebuild_engine
   use gimp_scene, only: scene_t, echo_scene, scene_differences, real_of, integer_of, text_of_key, complain
   use gimp_verification, only: verification_t
   use gimp_hdf5, only: hdf5_file_t, close_hdf5, create_group, write_dataset, read_dataset, write_attribute, read_attribute, &
     write_text, read_text
   use gimp_checkpoint, only: newest_path, begin_checkpoint, end_checkpoint, drop_checkpoint, open_checkpoint, twin_of, &
     write_parcel, read_parcel, check_lineage
+  use gimp_saved_state, only: recall_groups
   use gimp_stepper, only: stepper_t, carry_stepper, resume_run
   use gimp_recorder, only: recorder_t, keep_record, unpack_record
   use gimp_report, only: costs_t
@@ -142,7 +142,7 @@ contains
     type(hdf5_file_t), intent(in) :: file
     type(engine_t), intent(inout) :: engine
     type(error_t), allocatable, intent(out) :: error
-    integer(i8), allocatable :: groups(:, :), block_at(:, :)
+    integer(i8), allocatable :: groups(:, :)
     character(len=:), allocatable :: fields
     type(group_t), allocatable :: list(:)
     integer :: g
@@ -153,13 +153,12 @@ contains
       return
     end if
     call read_dataset(file, "particles/groups", groups, error)
-    if (.not. allocated(error)) call read_dataset(file, "blocks/at", block_at, error)
     if (allocated(error)) return
     allocate (list(size(groups, 2)))
     do g = 1, size(list)
       list(g) = group_t(int(groups(1, g)), int(groups(2, g)), int(groups(3, g)), int(groups(4, g)), int(groups(5:7, g)))
     end do
-    call rebuild_engine(engine, int(block_at), list)
+    call recall_groups(engine, list)
     call read_values(file, engine, error)
   end subroutine read_engine
 
@@ -331,7 +330,6 @@ contains
     if (.not. allocated(error)) call write_dataset(file, "particles/values", flat, error)
     if (.not. allocated(error)) call write_dataset(file, "particles/id", engine%particles%id, error)
     if (.not. allocated(error)) call create_group(file, "blocks", error)
-    if (.not. allocated(error)) call write_dataset(file, "blocks/at", engine%table%block_at, error)
     flat(1:nf*size(engine%pad, 2), 1:engine%table%blocks) => engine%pad
     if (.not. allocated(error)) call write_dataset(file, "blocks/pads", flat, error)
     if (.not. allocated(error)) call write_dataset(file, "blocks/sums", engine%sums, error)

@@ -92,14 +92,18 @@ contains
   subroutine recall_groups(engine, groups)
     type(engine_t), intent(inout) :: engine
     type(group_t), intent(in) :: groups(:) !! in the order of blocks; every block has at least one
+    logical :: begins(size(groups))
     integer :: g, chunks
     chunks = 0
     if (size(groups) > 0) chunks = groups(size(groups))%last
     call allot_chunks(engine%particles, chunks)
     call swap_chunks(engine%particles)
     engine%particles%groups = groups
-    engine%particles%block_group = [pack([(g, g=1, size(groups))], &
-                                         groups%block /= [0, groups(:size(groups) - 1)%block]), size(groups) + 1]
+    begins = .true.
+    do g = 2, size(groups)
+      begins(g) = groups(g)%block /= groups(g - 1)%block
+    end do
+    engine%particles%block_group = [pack([(g, g=1, size(groups))], begins), size(groups) + 1]
     call rebuild_blocks(engine)
   end subroutine recall_groups
 
