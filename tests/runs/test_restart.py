@@ -41,7 +41,7 @@ PERIODIC = BLOCK.replace('&boundary side = "x_high" condition = "free" leaving =
                          '&boundary side = "x_low" condition = "periodic" /\n&boundary side = "x_high" condition = "periodic" /')
 
 # together: 1D, 2D, 3D, all bases, schemes and transfers, damping, loads, sides that move, take out or close, mirrors, exact
-# solutions with body forces, laws with a history, wide supports with spills, equal and fixed steps, forced sorts
+# solutions with body forces, laws with a history, wide supports with spills, equal and fixed steps, steps redone and held below the critical one, forced sorts
 CASES = {
     "1d": ("axis_aligned_1d.nml", {"grid.spacing": 1.0/128}, 60),
     "1d cayley": ("vibrating_bar.nml", {"method.deformation_update": "cayley", "method.stress_update": "usl"}, 60),
@@ -57,6 +57,11 @@ CASES = {
     "2d ring": ("expanding_ring.nml", {}, 40),
     "2d removal": (BLOCK, {}, 0),
     "2d removal usavg": (BLOCK, {"method.stress_update": "usavg", "time.step_rule": "fixed", "time.step": 0.002}, 0),
+    "2d redone steps": ("rigid_translation.nml", {"method.basis": "linear", "method.transfer": "flip", "method.stress_update": "usl",
+                                                  "time.redo_unstable_steps": True}, 0),
+    "2d critical step": ("rigid_translation.nml", {"method.basis": "linear", "method.transfer": "flip", "method.stress_update": "usl",
+                                                   "time.stability_check": "lanczos", "time.stability_every": 5,
+                                                   "time.stability_limit": 0.9}, 120),
     "2d periodic": (PERIODIC, {"output.every": 0.013}, 0),
     "3d": ("block_impact_3d.nml", {}, 40),
     "3d usavg": ("axis_aligned_3d.nml", {"method.stress_update": "usavg"}, 30),
@@ -124,6 +129,8 @@ def test_same_bits_after_a_restart(run_scene, tmp_path, case):
     assert csv[0].read_bytes() == csv[1].read_bytes()
     if case.startswith("2d removal"):
         assert whole.summary["removed_particles"] > 30
+    if case == "2d redone steps":
+        assert whole.summary["halvings"] > 0
     if case == "2d wide":
         assert whole.summary["spilled_values"] > 0
 
