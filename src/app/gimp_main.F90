@@ -3,7 +3,7 @@ program gimp_main
   use gimp_error, only: error_t, report_lines
   use gimp_text, only: text_of
   use gimp_file_system, only: file_exists
-  use gimp_scene, only: read_scene, help_text, group_help, write_reference
+  use gimp_scene, only: read_scene, help_text, group_help, write_reference, text_most
   use gimp_run, only: run_t, prepare, check_only, run_scene
   use gimp_report, only: build_t
   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
@@ -13,40 +13,16 @@ program gimp_main
   type(build_t) :: build
   type(error_t), allocatable :: error
   character(len=:), allocatable :: text
-  character(len=64) :: first, second
-  logical :: failed
+  character(len=:), allocatable :: restart
+  logical :: only_check, failed
 
   build = build_t(GIMP_VERSION, build_commit, GIMP_BUILD)
-  call get_command_argument(1, first)
-  call get_command_argument(2, second)
-  if (command_argument_count() > 2) call refuse("at most two arguments are understood; gimp.x --help tells which")
-  select case (first)
-  case ("", "--check")
-    if (second /= "") call refuse("unknown argument '"//trim(second)//"'; gimp.x --help tells which there are")
-  case ("--version")
-    write (output_unit, "(a)") "gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//")"
-    stop
-  case ("--help")
-    if (second == "") then
-      call help_text(text)
-    else
-      call group_help(trim(second), text, error)
-      if (allocated(error)) call refuse(error%message)
-    end if
-    write (output_unit, "(a)") text
-    stop
-  case ("--reference")
-    call write_reference(output_unit)
-    stop
-  case default
-    call refuse("unknown argument '"//trim(first)//"'; gimp.x --help tells which there are")
-  end select
-
+  call read_command_line(only_check, restart)
   allocate (run)
-  call read_scene(run%scene, error)
+  call read_scene(run%scene, restart, error)
   if (.not. allocated(error)) call prepare(run, error)
   if (allocated(error)) call tell_mistakes()
-  if (first == "--check") then
+  if (only_check) then
     call check_only(run, build, error)
     if (allocated(error)) call tell_mistakes()
     stop
@@ -61,6 +37,65 @@ program gimp_main
   end if
 
 contains
+
+  !> What is asked for; questions are answered here, and end the program
+  subroutine read_command_line(only_check, restart)
+    logical, intent(out) :: only_check
+    character(len=:), allocatable, intent(out) :: restart !! checkpoint to go on from, empty for none
+    character(len=:), allocatable :: word
+    integer :: k
+    only_check = .false.
+    restart = ""
+    k = 1
+    do while (k <= command_argument_count())
+      word = argument(k)
+      select case (word)
+      case ("--check")
+        only_check = .true.
+      case ("--restart")
+        k = k + 1
+        restart = argument(k)
+        if (restart == "") call refuse("--restart needs a checkpoint, as in --restart two_disks.checkpoint.h5")
+        if (len(restart) > text_most) call refuse("--restart: the path is longer than "//text_of(text_most)//" characters")
+      case ("--version", "--help", "--reference")
+        if (k == 1) call answer(word, argument(2))
+        call refuse(word//" stands alone; gimp.x --help tells how")
+      case default
+        call refuse("unknown argument '"//word//"'; gimp.x --help tells which there are")
+      end select
+      k = k + 1
+    end do
+  end subroutine read_command_line
+
+  function argument(k) result(word)
+    integer, intent(in) :: k
+    character(len=:), allocatable :: word
+    integer :: length
+    call get_command_argument(k, length=length)
+    allocate (character(len=length) :: word)
+    if (length > 0) call get_command_argument(k, word)
+  end function argument
+
+  !> Print what was asked for and end
+  subroutine answer(question, about)
+    character(len=*), intent(in) :: question, about
+    if (command_argument_count() > merge(2, 1, question == "--help")) return
+    select case (question)
+    case ("--version")
+      write (output_unit, "(a)") "gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//")"
+    case ("--reference")
+      call write_reference(output_unit)
+    case default
+      if (about == "") then
+        call help_text(text)
+      else
+        call group_help(about, text, error)
+        if (allocated(error)) call refuse(error%message)
+      end if
+      write (output_unit, "(a)") text
+    end select
+    stop
+  end subroutine answer
 
   !> Every mistake of the scene, and exit code 2
   subroutine tell_mistakes()

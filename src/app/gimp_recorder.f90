@@ -1,13 +1,16 @@
 !> What a run leaves behind: frames, history, summary, and the state of a run that failed
 module gimp_recorder
   use gimp_kinds, only: wp, dp, i8, lanes
-  use gimp_error, only: error_t
+  use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
-  use gimp_file_system, only: delete_file
+  use gimp_parcel, only: parcel_t, carry, carry_bits
+  use gimp_file_system, only: delete_file, file_bytes
   use gimp_scene, only: scene_t, echo_scene, real_of, reals_of, integer_of, logical_of, word_of, text_of_key, texts_of, is_given
-  use gimp_output_file, only: output_file_t, open_output, close_output
-  use gimp_vtkhdf, only: frames_t, open_frames, begin_frame, add_field, end_frame
-  use gimp_history, only: history_t, open_history, append_row, commit_history, close_history
+  use gimp_output_file, only: output_file_t, open_output, close_output, carry_output, sync_output, reopen_output, sign_output
+  use gimp_vtkhdf, only: frames_t, open_frames, begin_frame, add_field, end_frame, carry_frames
+  use gimp_history, only: history_t, open_history, append_row, commit_history, close_history, carry_history, &
+    reopen_csv
+  use gimp_checkpoint, only: newest_path, older_path, longer_lineage
   use gimp_summary, only: write_scene, put_summary
   use gimp_particle_file, only: particle_table_t, write_particle_file
   use gimp_verification, only: verification_t, error_scale
@@ -19,6 +22,7 @@ module gimp_recorder
   implicit none(type, external)
   private
   public :: recorder_t, open_recorder, record_frame, record_row, close_recorder, record_failure, next_frame_time
+  public :: keep_record, unpack_record, continue_record
 
   integer, parameter :: most_columns = 160
 
@@ -34,6 +38,9 @@ module gimp_recorder
     real(wp) :: every = 0.0_wp !! time between frames [s]; 0: first and last only
     integer :: history_every = 1
     integer :: frame = 0 !! frames written
+    integer :: next_frame = 0 !! the next one is due at this multiple of `every`
+    logical :: has_csv = .false.
+    character(len=:), allocatable :: lineage !! who wrote the output file; empty where no checkpoints are asked for
     real(wp) :: frame_time = -1.0_wp !! of the last frame [s]
     integer(i8) :: row_step = -1 !! step of the last history row
     type(totals_t) :: totals
@@ -47,38 +54,39 @@ module gimp_recorder
 contains
 
   !> Create the output file and announce what will be in it
-  subroutine open_recorder(scene, s, solution, body_first, recorder, error)
+  subroutine open_recorder(scene, s, solution, body_first, with_checkpoints, recorder, error)
     type(scene_t), intent(in) :: scene
     type(stepper_t), intent(in) :: s
     type(verification_t), intent(in) :: solution
     integer(i8), intent(in) :: body_first(:) !! first number of each body
+    logical, intent(in) :: with_checkpoints !! the output file is to be known again
     type(recorder_t), intent(out) :: recorder
     type(error_t), allocatable, intent(out) :: error
     character(len=:), allocatable :: complete
-    recorder%name = text_of_key(scene, "output", 1, "name")
-    recorder%path = recorder%name//".vtkhdf"
-    recorder%every = real_of(scene, "output", 1, "every")
-    recorder%history_every = integer_of(scene, "output", 1, "history_every")
-    recorder%fields = texts_of(scene, "output", 1, "fields")
-    recorder%body_first = body_first
-    recorder%solution = solution
-    recorder%has_solution = solution%solution > 0
+    call describe_recorder(scene, solution, body_first, recorder)
     call choose_probes(scene, s, recorder)
     call name_columns(s%engine%grid%dim, recorder)
     call open_output(recorder%path, logical_of(scene, "output", 1, "overwrite"), recorder%output, error)
     if (allocated(error)) return
+    if (with_checkpoints) then
+      recorder%lineage = longer_lineage("", 0_i8)
+      call sign_output(recorder%output, recorder%lineage, error)
+      if (allocated(error)) return
+    end if
     call echo_scene(scene, complete)
-    if (logical_of(scene, "output", 1, "overwrite")) then ! the failed state of a run that is replaced would mislead
+    if (logical_of(scene, "output", 1, "overwrite")) then ! what is left of a run that is replaced would mislead
       call delete_file(recorder%name//".failed.h5", error)
+      if (.not. allocated(error)) call delete_file(newest_path(recorder%name), error)
+      if (.not. allocated(error)) call delete_file(older_path(recorder%name), error)
       if (allocated(error)) return
     end if
     call write_scene(recorder%output, scene%original, complete, error)
     if (allocated(error)) return
     call open_frames(recorder%output, word_of(scene, "output", 1, "precision"), recorder%frames, error)
     if (allocated(error)) return
-    if (logical_of(scene, "output", 1, "csv")) then
+    if (recorder%has_csv) then
       call open_history(recorder%output, recorder%column(:recorder%columns), recorder%unit(:recorder%columns), &
-                        recorder%history, error, csv=recorder%name//".history.csv")
+                        recorder%history, error, csv=csv_path(recorder))
     else
       call open_history(recorder%output, recorder%column(:recorder%columns), recorder%unit(:recorder%columns), &
                         recorder%history, error)
@@ -86,6 +94,103 @@ contains
     if (allocated(error)) return
     call put_summary(recorder%output, "status", "running", error)
   end subroutine open_recorder
+
+  !> What the scene says about the output
+  subroutine describe_recorder(scene, solution, body_first, recorder)
+    type(scene_t), intent(in) :: scene
+    type(verification_t), intent(in) :: solution
+    integer(i8), intent(in) :: body_first(:)
+    type(recorder_t), intent(inout) :: recorder
+    recorder%name = text_of_key(scene, "output", 1, "name")
+    recorder%path = recorder%name//".vtkhdf"
+    recorder%every = real_of(scene, "output", 1, "every")
+    recorder%history_every = integer_of(scene, "output", 1, "history_every")
+    recorder%has_csv = logical_of(scene, "output", 1, "csv")
+    recorder%fields = texts_of(scene, "output", 1, "fields")
+    recorder%body_first = body_first
+    recorder%solution = solution
+    recorder%has_solution = solution%solution > 0
+    recorder%lineage = ""
+  end subroutine describe_recorder
+
+  pure function csv_path(recorder) result(path)
+    type(recorder_t), intent(in) :: recorder
+    character(len=:), allocatable :: path
+    path = recorder%name//".history.csv"
+  end function csv_path
+
+  !> Commit the history, wait for the device and pack what a later run must know to go on with the output
+  subroutine keep_record(recorder, end, parcel, error)
+    type(recorder_t), intent(inout) :: recorder
+    real(wp), intent(in) :: end !! of the run [s]
+    type(parcel_t), intent(inout) :: parcel
+    type(error_t), allocatable, intent(out) :: error
+    call commit_history(recorder%output, recorder%history, error)
+    if (.not. allocated(error)) call sync_output(recorder%output, error)
+    if (.not. allocated(error)) call carry_recorder(recorder, end, parcel)
+  end subroutine keep_record
+
+  !> A recorder from what the scene says and what was packed; nothing is opened yet
+  subroutine unpack_record(scene, s, solution, body_first, parcel, recorder, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(in) :: s !! as it was when the recorder was packed
+    type(verification_t), intent(in) :: solution
+    integer(i8), intent(in) :: body_first(:)
+    type(parcel_t), intent(inout) :: parcel
+    type(recorder_t), intent(out) :: recorder
+    type(error_t), allocatable, intent(out) :: error
+    call describe_recorder(scene, solution, body_first, recorder)
+    call carry_recorder(recorder, s%time_options%end, parcel, now=s%time)
+    if (.not. parcel%sound) return
+    call name_columns(s%engine%grid%dim, recorder)
+    parcel%sound = recorder%columns == recorder%history%columns
+    if (.not. recorder%has_csv) return
+    if (file_bytes(csv_path(recorder)) < recorder%history%csv_bytes) &
+      call raise(error, csv_path(recorder)//" is missing or shorter than it was; it must be there to be continued")
+  end subroutine unpack_record
+
+  !> The list of what is kept of a recorder
+  subroutine carry_recorder(recorder, end, parcel, now)
+    type(recorder_t), intent(inout) :: recorder
+    real(wp), intent(in) :: end !! of this run [s]
+    type(parcel_t), intent(inout) :: parcel
+    real(wp), intent(in), optional :: now !! unpacking: the present time [s]
+    integer(i8) :: totals(storage_size(recorder%totals)/64), errors(storage_size(recorder%errors)/64)
+    real(wp) :: every, end_then
+    every = recorder%every
+    end_then = end
+    call carry(parcel, recorder%frame)
+    call carry(parcel, recorder%next_frame)
+    call carry(parcel, recorder%frame_time)
+    call carry(parcel, every)
+    call carry(parcel, end_then)
+    call carry(parcel, recorder%row_step)
+    call carry(parcel, recorder%probe)
+    totals = transfer(recorder%totals, totals)
+    errors = transfer(recorder%errors, errors)
+    call carry_bits(parcel, totals)
+    call carry_bits(parcel, errors)
+    call carry_history(recorder%history, parcel)
+    call carry_frames(recorder%frames, parcel)
+    call carry_output(recorder%output, parcel)
+    if (.not. present(now)) return
+    recorder%totals = transfer(totals, recorder%totals)
+    recorder%errors = transfer(errors, recorder%errors)
+    if (recorder%every > 0.0_wp .and. (every /= recorder%every .or. end_then /= end)) & ! other times of frames from now on
+      recorder%next_frame = floor(now/recorder%every + 1.0e-9_wp) + 1
+  end subroutine carry_recorder
+
+  !> Cut the output of an unpacked recorder back to where it was, and go on with it
+  subroutine continue_record(recorder, step, lineage, error)
+    type(recorder_t), intent(inout) :: recorder
+    integer(i8), intent(in) :: step !! to which it is cut back
+    character(len=*), intent(in) :: lineage !! of the checkpoint
+    type(error_t), allocatable, intent(out) :: error
+    recorder%lineage = longer_lineage(lineage, step)
+    call reopen_output(recorder%path, recorder%lineage, recorder%output, error)
+    if (.not. allocated(error) .and. recorder%has_csv) call reopen_csv(recorder%history, csv_path(recorder), error)
+    if (.not. allocated(error)) call delete_file(recorder%name//".failed.h5", error) ! of a failure after the checkpoint
+  end subroutine continue_record
 
   subroutine choose_probes(scene, s, recorder)
     type(scene_t), intent(in) :: scene
@@ -174,7 +279,7 @@ contains
     type(recorder_t), intent(in) :: recorder
     real(wp), intent(in) :: end !! of the run [s]
     time = end
-    if (recorder%every > 0.0_wp) time = min(end, recorder%frame*recorder%every)
+    if (recorder%every > 0.0_wp) time = min(end, recorder%next_frame*recorder%every)
   end function next_frame_time
 
   !> Measure and write one row of the history
@@ -261,6 +366,7 @@ contains
     if (.not. allocated(error)) call end_frame(recorder%output, recorder%frames, s%time, error)
     recorder%frame_time = s%time
     recorder%frame = recorder%frame + 1
+    recorder%next_frame = recorder%next_frame + 1
   end subroutine record_frame
 
   !> Close the output file

@@ -32,6 +32,8 @@ module gimp_report
     logical :: shown = .false.
     logical :: terminal = .false. !! one line that is written over, instead of a line now and then
     real(dp) :: start = 0.0_dp, last = 0.0_dp !! [s]
+    real(dp) :: share = 0.0_dp !! of the run that was done at the start
+    integer(i8) :: particle_steps = 0 !! done at the start
   end type progress_t
 
   !> What the steps cost, for the closing table
@@ -67,10 +69,11 @@ contains
   end function estimated_steps
 
   !> Version, scene in words, and what the run will cost
-  subroutine print_header(build, scene, s)
+  subroutine print_header(build, scene, s, continued)
     type(build_t), intent(in) :: build
     type(scene_t), intent(in) :: scene
     type(stepper_t), intent(in) :: s
+    character(len=*), intent(in) :: continued !! what the run goes on from, in words; empty: it starts anew
     character(len=:), allocatable :: cells
     integer :: k
     cells = text_of(s%engine%grid%cells(1))
@@ -79,6 +82,7 @@ contains
     end do
     call line("gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//")")
     if (text_of_key(scene, "scene", 1, "title") /= "") call line("  "//text_of_key(scene, "scene", 1, "title"))
+    if (continued /= "") call line("  continued "//continued)
     call line("  grid       "//cells//" cells of "//text_of(s%engine%grid%spacing)//" m")
     call line("  material   "//material_words())
     call line("  particles  "//with_thousands(s%engine%particles%n)//" in " &
@@ -155,15 +159,25 @@ contains
   end function plural
 
   !> Decide how progress is shown
-  subroutine start_progress(progress, word)
+  subroutine start_progress(progress, word, s)
     type(progress_t), intent(out) :: progress
     character(len=*), intent(in) :: word !! auto, on, off
+    type(stepper_t), intent(in) :: s
     progress%terminal = c_isatty(1_c_int) == 1
     if (word == "on") progress%terminal = .false. ! plain lines wherever the output goes
     progress%shown = word /= "off"
     progress%start = seconds_now()
     progress%last = progress%start
+    progress%share = share_done(s)
+    progress%particle_steps = s%particle_steps
   end subroutine start_progress
+
+  !> How much of the run is done, by time or by steps
+  pure real(dp) function share_done(s) result(share)
+    type(stepper_t), intent(in) :: s
+    share = s%time/s%time_options%end
+    if (s%time_options%max_steps > 0) share = max(share, real(s%step, dp)/s%time_options%max_steps)
+  end function share_done
 
   !> Percent, rate and time left: often on a terminal, every ten seconds in a log
   subroutine show_progress(progress, s)
@@ -175,11 +189,10 @@ contains
     now = seconds_now()
     if (now - progress%last < merge(0.2_dp, 10.0_dp, progress%terminal)) return
     progress%last = now
-    share = s%time/s%time_options%end
-    if (s%time_options%max_steps > 0) share = max(share, real(s%step, dp)/s%time_options%max_steps)
-    left = (now - progress%start)*(1.0_dp - share)/max(share, 1.0e-9_dp)
+    share = share_done(s)
+    left = (now - progress%start)*(1.0_dp - share)/max(share - progress%share, 1.0e-9_dp)
     text = "  "//text_of(int(100.0_dp*share))//" %  t = "//text_of(s%time, 4)//" s  step "//with_thousands(s%step)//"  " &
-           //short_number(real(s%particle_steps/max(now - progress%start, 1.0e-9_dp), wp))//"particle-steps/s  " &
+           //short_number(real((s%particle_steps - progress%particle_steps)/max(now - progress%start, 1.0e-9_dp), wp))//"particle-steps/s  " &
            //text_of(ceiling(left))//" s left"
     if (progress%terminal) then
       write (output_unit, "(3a)", advance="no") achar(13), text, repeat(" ", max(0, 78 - len(text)))

@@ -12,9 +12,12 @@ module gimp_run
   use gimp_step_size, only: rule_adaptive
   use gimp_setup, only: set_up_scene, set_up_threads, body_named
   use gimp_populate, only: population_t, count_particles, populate
-  use gimp_recorder, only: recorder_t, open_recorder, record_frame, record_row, close_recorder, record_failure, next_frame_time
+  use gimp_recorder, only: recorder_t, open_recorder, record_frame, record_row, close_recorder, record_failure, next_frame_time, &
+    continue_record
   use gimp_report, only: build_t, progress_t, costs_t, print_header, start_progress, show_progress, end_progress, &
     print_closing, write_closing
+  use gimp_restart, only: restart_t, set_up_restart, check_checkpoint, load_checkpoint, start_checkpoints, checkpoint_due, &
+    write_checkpoint, continued_words
   use, intrinsic :: iso_fortran_env, only: output_unit
   implicit none(type, external)
   private
@@ -26,6 +29,7 @@ module gimp_run
     type(stepper_t) :: stepper
     type(verification_t) :: solution
     type(recorder_t) :: recorder
+    type(restart_t) :: restart
     type(costs_t) :: costs
     integer(i8), allocatable :: body_first(:)
     logical :: has_failed_state = .false. !! NAME.failed.h5 was written; a full disk may prevent it
@@ -48,14 +52,25 @@ contains
       if (allocated(problem)) call add_error(error, problem%message)
     end if
     call check_folder(run%scene, error)
+    call set_up_restart(run%scene, run%restart)
+    call check_checkpoint(run%restart, run%scene, error)
     if (allocated(error)) return
     call populate(run%scene, run%stepper, run%solution, population, error)
     if (allocated(error)) return
     run%body_first = population%first
     call place_point_loads(run, population, error)
     if (allocated(error)) return
+    if (is_continued(run)) &
+      call load_checkpoint(run%restart, run%scene, run%stepper, run%solution, run%body_first, run%recorder, run%costs, error)
+    if (allocated(error)) return
     run%costs%setup = seconds_now() - start
   end subroutine prepare
+
+  !> Whether the run goes on from a checkpoint
+  pure logical function is_continued(run)
+    type(run_t), intent(in) :: run
+    is_continued = run%restart%from /= ""
+  end function is_continued
 
   !> Better told now than after the particles are made
   subroutine check_folder(scene, error)
@@ -90,9 +105,9 @@ contains
     type(run_t), intent(inout) :: run
     type(build_t), intent(in) :: build
     type(error_t), allocatable, intent(out) :: error
-    call start_run(run%stepper, error)
+    if (.not. is_continued(run)) call start_run(run%stepper, error)
     if (allocated(error)) return
-    call print_header(build, run%scene, run%stepper)
+    call print_header(build, run%scene, run%stepper, continued_words(run%restart, run%stepper))
     write (output_unit, "(a)") "  checked: the scene is sound; nothing was run or written"
   end subroutine check_only
 
@@ -108,15 +123,19 @@ contains
     real(dp) :: start
     failed = .false.
     start = seconds_now()
-    call start_run(run%stepper, error)
+    if (.not. is_continued(run)) call start_run(run%stepper, error)
     if (allocated(error)) return
-    call print_header(build, run%scene, run%stepper)
+    call print_header(build, run%scene, run%stepper, continued_words(run%restart, run%stepper))
     failed = .true.
-    call open_recorder(run%scene, run%stepper, run%solution, run%body_first, run%recorder, error)
+    if (is_continued(run)) then
+      call continue_record(run%recorder, run%stepper%step, run%restart%lineage, error)
+    else
+      call open_recorder(run%scene, run%stepper, run%solution, run%body_first, run%restart%asked, run%recorder, error)
+      run%stepper%seconds = 0.0_dp
+    end if
     if (allocated(error)) return
     run%costs%setup = run%costs%setup + seconds_now() - start
-    run%stepper%seconds = 0.0_dp
-    call start_progress(progress, word_of(run%scene, "output", 1, "progress"))
+    call start_progress(progress, word_of(run%scene, "output", 1, "progress"), run%stepper)
     call step_to_end(run, progress, status, error)
     call end_progress(progress)
     if (allocated(error)) then
@@ -143,8 +162,9 @@ contains
     real(wp) :: until
     associate (s => run%stepper, end => run%stepper%time_options%end)
       status = "done"
-      call record(run, frame=.true., row=.true., error=error)
+      if (.not. is_continued(run)) call record(run, frame=.true., row=.true., error=error)
       if (allocated(error)) return
+      call start_checkpoints(run%restart, s)
       do while (end - s%time > 1.0e-9_wp*max(s%dt, tiny(1.0_wp)))
         if (s%time_options%max_steps > 0 .and. s%step >= s%time_options%max_steps) then
           status = "max_steps"
@@ -164,8 +184,13 @@ contains
         call record(run, frame=s%time >= next_frame_time(run%recorder, end) - 1.0e-9_wp*s%dt, &
                     row=modulo(s%step, int(run%recorder%history_every, i8)) == 0, error=error)
         if (allocated(error)) return
+        if (checkpoint_due(run%restart, s)) call keep_state(run, error)
+        if (allocated(error)) return
         call show_progress(progress, s)
       end do
+      ! before the frame that the end of the run asks for: a run that goes on has no frame here
+      if (run%restart%asked .and. run%restart%last_step /= s%step) call keep_state(run, error)
+      if (allocated(error)) return
       call record(run, frame=.true., row=.true., error=error)
     end associate
   end subroutine step_to_end
@@ -182,5 +207,15 @@ contains
     if (frame .and. .not. allocated(error)) call record_frame(run%recorder, run%stepper, error)
     run%costs%output = run%costs%output + seconds_now() - start
   end subroutine record
+
+  !> Write a checkpoint
+  subroutine keep_state(run, error)
+    type(run_t), intent(inout) :: run
+    type(error_t), allocatable, intent(out) :: error
+    real(dp) :: start
+    start = seconds_now()
+    call write_checkpoint(run%restart, run%stepper, run%recorder, run%costs, error)
+    run%costs%output = run%costs%output + seconds_now() - start
+  end subroutine keep_state
 
 end module gimp_run

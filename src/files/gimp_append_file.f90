@@ -16,7 +16,10 @@
 !> * with `durable`, commits also survive a crash of the machine (two waits for the device per commit).
 !>
 !> The cost: full index leaves are written once, the rest of the description at every commit (about 2 kB per dataset, in
-!> two areas that are used again). No compression, no deletion, no reopening.
+!> two areas that are used again). No compression, no deletion.
+!>
+!> Reopening: what is known of the file (`carry_append_file`) is kept elsewhere, in a checkpoint; `reopen_append_file` cuts the
+!> file back to that state and goes on. That is safe because a file only grows: all that was in it then still is.
 module gimp_append_file
   use, intrinsic :: iso_c_binding, only: c_loc
   use, intrinsic :: iso_fortran_env, only: real32
@@ -24,14 +27,17 @@ module gimp_append_file
   use gimp_kinds, only: dp, i8
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
-  use gimp_file_system, only: raw_file_t, create_raw_file, write_at, resize_raw_file, sync_raw_file, close_raw_file, &
-    file_exists, rename_file, delete_file
+  use gimp_parcel, only: parcel_t, carry
+  use gimp_file_system, only: raw_file_t, create_raw_file, open_raw_file, write_at, resize_raw_file, sync_raw_file, &
+    close_raw_file, file_exists, file_bytes, rename_file, delete_file
   use gimp_hdf5_format, only: bytes_t, stored_real32, stored_real64, stored_int64, stored_text, undefined_address, &
     superblock_bytes, superblock, node_width
-  use gimp_append_index, only: object_t, attribute_t, a_group, a_table, a_text, row_bytes, put_leaf, describe
+  use gimp_append_index, only: object_t, attribute_t, a_group, a_table, a_text, row_bytes, put_leaf, describe, &
+    carry_object
   implicit none(type, external)
   private
   public :: append_file_t, create_append_file, commit_append_file, close_append_file
+  public :: carry_append_file, reopen_append_file, sync_append_file
   public :: make_group, make_table, append_rows, put_text, set_attribute
   public :: table_rows, find_object, stored_real32, stored_real64, stored_int64
 
@@ -148,6 +154,74 @@ contains
     if (allocated(file%first_name)) call delete_file(file%first_name, ignored)
     file%is_open = .false.
   end subroutine close_append_file
+
+  !> Wait until all that was written so far is on the device, so that a state that counts on it may be kept elsewhere
+  subroutine sync_append_file(file, error)
+    type(append_file_t), intent(in) :: file
+    type(error_t), allocatable, intent(out) :: error
+    call check_usable(file, error)
+    if (.not. allocated(error)) call sync_raw_file(file%raw, error)
+  end subroutine sync_append_file
+
+  !> Pack what is known of a file that was committed at least once, or unpack it for `reopen_append_file`
+  pure subroutine carry_append_file(file, parcel)
+    type(append_file_t), intent(inout) :: file
+    type(parcel_t), intent(inout) :: parcel
+    integer :: k
+    call carry(parcel, file%durable)
+    call carry(parcel, file%used)
+    do k = 1, 2
+      call carry(parcel, file%area(k))
+      call carry(parcel, file%room(k))
+    end do
+    call carry(parcel, file%active)
+    call carry(parcel, file%objects)
+    if (parcel%reading .and. parcel%sound) allocate (file%object(max(64, file%objects)))
+    do k = 1, file%objects
+      if (.not. parcel%sound) return
+      call carry_object(file%object(k), parcel)
+    end do
+  end subroutine carry_append_file
+
+  !> Cut a file back to the state that was unpacked into `file`, commit that, and go on appending.
+  !> A kill in between leaves the file as it was, or as it was then: a description of the old state is written beyond all
+  !> that is in use and put in force; only then may the room that came after the old state be given away again.
+  subroutine reopen_append_file(path, lineage, file, error)
+    character(len=*), intent(in) :: path
+    character(len=*), intent(in) :: lineage !! attribute of the root group from now on: who wrote the file up to where
+    type(append_file_t), intent(inout) :: file !! as carry_append_file unpacked it
+    type(error_t), allocatable, intent(out) :: error
+    type(bytes_t) :: description
+    integer(i8) :: root, length, beyond
+    file%path = path
+    length = file_bytes(path)
+    if (length < file%used) then
+      call raise(error, path//": is shorter ("//text_of(max(0_i8, length))//" bytes) than what is to be continued (" &
+        //text_of(file%used)//" bytes)")
+      return
+    end if
+    call open_raw_file(path, file%raw, error)
+    if (allocated(error)) return
+    file%is_open = .true.
+    call set_text(file, "", "lineage", lineage, error)
+    if (allocated(error)) return
+    call describe(file%object(:file%objects), 0_i8, description, root) ! only to learn its size
+    beyond = 8*((length + 7)/8 + description%n/2) ! the commit below may need room where the old file ends
+    call describe(file%object(:file%objects), beyond, description, root)
+    call put_on_disk(file, beyond, description%data(:description%n), error)
+    if (.not. allocated(error)) call sync_raw_file(file%raw, error)
+    if (.not. allocated(error)) call put_on_disk(file, 0_i8, superblock(root, beyond + description%n), error)
+    if (.not. allocated(error)) call sync_raw_file(file%raw, error)
+    if (allocated(error)) then
+      file%failure = error%message
+      return
+    end if
+    file%reserved = huge(0_i8) ! longer than needed until the old state stands at its own place
+    call commit_append_file(file, error)
+    if (.not. allocated(error)) call sync_raw_file(file%raw, error)
+    if (.not. allocated(error)) call resize_raw_file(file%raw, file%used, error)
+    file%reserved = file%used
+  end subroutine reopen_append_file
 
   !> Make a group; its parent must exist. One that is there already is found
   subroutine make_group(file, path, error)

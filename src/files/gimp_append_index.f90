@@ -3,11 +3,12 @@
 !> Part of `gimp_append_file`, which decides where the bytes go and when.
 module gimp_append_index
   use gimp_kinds, only: i8
+  use gimp_parcel, only: parcel_t, carry
   use gimp_hdf5_format, only: bytes_t, clear_bytes, element_bytes, undefined_address, put_object, put_group_messages, put_link, &
     put_chunked_messages, put_text_messages, put_attribute, node_width, put_tree_node, tree_node_bytes
   implicit none(type, external)
   private
-  public :: object_t, attribute_t, a_group, a_table, a_text, row_bytes, put_leaf, describe
+  public :: object_t, attribute_t, a_group, a_table, a_text, row_bytes, put_leaf, describe, carry_object
 
   integer, parameter :: a_group = 1, a_table = 2, a_text = 3
 
@@ -134,5 +135,35 @@ contains
     end do
     root = child(1)
   end subroutine put_tree
+
+  !> Pack or unpack all that is known of an object
+  pure subroutine carry_object(object, parcel)
+    type(object_t), intent(inout) :: object
+    type(parcel_t), intent(inout) :: parcel
+    integer :: k
+    call carry(parcel, object%name)
+    call carry(parcel, object%parent)
+    call carry(parcel, object%kind)
+    call carry(parcel, object%stored)
+    call carry(parcel, object%rank)
+    call carry(parcel, object%components)
+    call carry(parcel, object%chunk_rows)
+    call carry(parcel, object%rows)
+    call carry(parcel, object%chunks)
+    call carry(parcel, object%leaves)
+    call carry(parcel, object%chunk)
+    call carry(parcel, object%leaf)
+    call carry(parcel, object%address)
+    call carry(parcel, object%length)
+    call carry(parcel, object%attributes)
+    if (parcel%reading .and. parcel%sound) allocate (object%attribute(max(4, object%attributes)))
+    do k = 1, object%attributes
+      if (.not. parcel%sound) return
+      call carry(parcel, object%attribute(k)%name)
+      call carry(parcel, object%attribute(k)%stored)
+      call carry(parcel, object%attribute(k)%length)
+      call carry(parcel, object%attribute(k)%values)
+    end do
+  end subroutine carry_object
 
 end module gimp_append_index

@@ -11,7 +11,7 @@ module gimp_file_system
   implicit none(type, external)
   private
   public :: file_exists, folder_writable, folder_of, rename_file, delete_file
-  public :: raw_file_t, create_raw_file, write_at, resize_raw_file, sync_raw_file, close_raw_file
+  public :: raw_file_t, create_raw_file, open_raw_file, file_bytes, write_at, resize_raw_file, sync_raw_file, close_raw_file
 
   !> A file open for writing, without any buffer of ours or of the runtime
   type :: raw_file_t
@@ -145,6 +145,26 @@ contains
     end if
     file%descriptor = c_fileno(file%stream)
   end subroutine create_raw_file
+
+  !> Open a file that is there for writing, and leave what is in it
+  subroutine open_raw_file(path, file, error)
+    character(len=*), intent(in) :: path
+    type(raw_file_t), intent(out) :: file
+    type(error_t), allocatable, intent(out) :: error
+    file%path = path
+    file%stream = c_fopen(path//c_null_char, "r+b"//c_null_char)
+    if (.not. c_associated(file%stream)) then
+      call raise(error, path//": cannot be opened for writing; is it there and writable?")
+      return
+    end if
+    file%descriptor = c_fileno(file%stream)
+  end subroutine open_raw_file
+
+  !> Length of a file in bytes, -1 when it is not there
+  integer(i8) function file_bytes(path)
+    character(len=*), intent(in) :: path
+    inquire (file=path, size=file_bytes)
+  end function file_bytes
 
   !> Write bytes at a place; either all of them are handed to the system or there is an error
   subroutine write_at(file, offset, buffer, bytes, error)

@@ -13,7 +13,7 @@ module gimp_saved_state
   use, intrinsic :: iso_c_binding, only: c_f_pointer
   implicit none(type, external)
   private
-  public :: saved_state_t, clock_t, save_particles, recall_particles, saved_bytes
+  public :: saved_state_t, clock_t, save_particles, recall_particles, saved_bytes, recall_groups
 
   !> What a stepper remembers from step to step beside particles and books
   type :: clock_t
@@ -84,6 +84,24 @@ contains
     call copy_chunks(engine%particles%components, saved%chunks, saved%p, engine%particles%p)
     if (sorted) call rebuild_blocks(engine)
   end subroutine recall_particles
+
+  !> Room for particles in these groups, with the tables of blocks that follow from them; `p`, `id` and `n` are to be filled
+  subroutine recall_groups(engine, groups)
+    type(engine_t), intent(inout) :: engine
+    type(group_t), intent(in) :: groups(:) !! in the order of blocks; every block has at least one
+    logical :: begins(size(groups))
+    integer :: g, chunks
+    chunks = 0
+    if (size(groups) > 0) chunks = groups(size(groups))%last
+    call allot_chunks(engine%particles, chunks)
+    engine%particles%groups = groups
+    begins = .true.
+    do g = 2, size(groups)
+      begins(g) = groups(g)%block /= groups(g - 1)%block
+    end do
+    engine%particles%block_group = [pack([(g, g=1, size(groups))], begins), size(groups) + 1]
+    call rebuild_blocks(engine)
+  end subroutine recall_groups
 
   subroutine copy_chunks(components, chunks, from, to)
     integer, intent(in) :: components, chunks

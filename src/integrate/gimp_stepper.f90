@@ -6,6 +6,7 @@ module gimp_stepper
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
   use gimp_timer, only: seconds_now
+  use gimp_parcel, only: parcel_t, carry, carry_bits
   use gimp_accumulator, only: column_sums
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, has_images
   use gimp_blocks, only: few_blocks
@@ -29,7 +30,7 @@ module gimp_stepper
   use gimp_stability, only: critical_step, check_none, strains_plain, strains_after_kick, strains_smoothed
   implicit none(type, external)
   private
-  public :: stepper_t, method_t, start_run, plan_step, take_step, stepper_bytes, usf, usl, musl, usavg
+  public :: stepper_t, method_t, start_run, carry_stepper, resume_run, plan_step, take_step, stepper_bytes, usf, usl, musl, usavg
   public :: damping_none, damping_local, damping_kinetic, scheme_of_word
   public :: phase_grid, phase_particles, phase_sort, phase_checks, n_phases
 
@@ -101,22 +102,7 @@ contains
   subroutine start_run(s, error)
     type(stepper_t), intent(inout) :: s
     type(error_t), allocatable, intent(out) :: error
-    integer :: k
-    do k = 1, s%engine%grid%dim
-      s%engine%allowed_low(k) = -1.0_wp
-      s%engine%allowed_high(k) = s%engine%grid%cells(k) + 1.0_wp
-      if (s%walls%side(1, k)%condition == side_free .and. .not. s%walls%side(1, k)%removes) s%engine%allowed_low(k) = 0.0_wp
-      if (s%walls%side(2, k)%condition == side_free .and. .not. s%walls%side(2, k)%removes) &
-        s%engine%allowed_high(k) = s%engine%grid%cells(k)
-      if (s%engine%grid%periodic(k)) then
-        s%engine%allowed_low(k) = -huge(1.0_wp) ! positions wrap around at the next sort
-        s%engine%allowed_high(k) = huge(1.0_wp)
-      end if
-      if (s%engine%grid%open_degree > 0) then ! the knots end there
-        s%engine%allowed_low(k) = 0.0_wp
-        s%engine%allowed_high(k) = s%engine%grid%cells(k)
-      end if
-    end do
+    call set_bounds(s)
     call resort(s)
     call weigh(s, s%books%mass, s%cutoff_mass)
     s%round_off_mass = 32.0_wp*epsilon(1.0_wp)*s%cutoff_mass
@@ -141,6 +127,75 @@ contains
     type(stepper_t), intent(in) :: s
     stepper_bytes = engine_bytes(s%engine) + saved_bytes(s%saved)
   end function stepper_bytes
+
+  !> Where particles may be: one cell beyond the box, not beyond a free side that does not take them out
+  subroutine set_bounds(s)
+    type(stepper_t), intent(inout) :: s
+    integer :: k
+    do k = 1, s%engine%grid%dim
+      s%engine%allowed_low(k) = -1.0_wp
+      s%engine%allowed_high(k) = s%engine%grid%cells(k) + 1.0_wp
+      if (s%walls%side(1, k)%condition == side_free .and. .not. s%walls%side(1, k)%removes) s%engine%allowed_low(k) = 0.0_wp
+      if (s%walls%side(2, k)%condition == side_free .and. .not. s%walls%side(2, k)%removes) &
+        s%engine%allowed_high(k) = s%engine%grid%cells(k)
+      if (s%engine%grid%periodic(k)) then
+        s%engine%allowed_low(k) = -huge(1.0_wp) ! positions wrap around at the next sort
+        s%engine%allowed_high(k) = huge(1.0_wp)
+      end if
+      if (s%engine%grid%open_degree > 0) then ! the knots end there
+        s%engine%allowed_low(k) = 0.0_wp
+        s%engine%allowed_high(k) = s%engine%grid%cells(k)
+      end if
+    end do
+  end subroutine set_bounds
+
+  !> Pack or unpack all that steers later steps and does not follow from the scene, but for particles, blocks and pads
+  pure subroutine carry_stepper(s, parcel)
+    type(stepper_t), intent(inout) :: s
+    type(parcel_t), intent(inout) :: parcel
+    integer(i8) :: words(storage_size(s%books)/64)
+    integer :: k
+    call carry(parcel, s%time)
+    call carry(parcel, s%step)
+    call carry(parcel, s%dt)
+    call carry(parcel, s%free_dt)
+    call carry(parcel, s%limit)
+    call carry(parcel, s%rate)
+    call carry(parcel, s%speed)
+    call carry(parcel, s%strain_rate)
+    call carry(parcel, s%kick_before)
+    call carry(parcel, s%cutoff_mass)
+    call carry(parcel, s%round_off_mass)
+    call carry(parcel, s%particle_steps)
+    do k = 1, n_phases
+      call carry(parcel, s%seconds(k))
+    end do
+    do k = 1, n_sums
+      call carry(parcel, s%sums(k))
+    end do
+    call carry(parcel, s%sort_now)
+    call carry(parcel, s%kinetic_peak)
+    call carry(parcel, s%stored)
+    call carry(parcel, s%energy_noise)
+    call carry(parcel, s%critical)
+    call carry(parcel, s%least_critical)
+    call carry(parcel, s%critical_share)
+    call carry(parcel, s%redone_steps)
+    call carry(parcel, s%halvings)
+    words = transfer(s%books, words)
+    call carry_bits(parcel, words)
+    if (parcel%reading) s%books = transfer(words, s%books)
+  end subroutine carry_stepper
+
+  !> Make ready for the next step after particles, blocks, pads and `carry_stepper` brought a state back
+  subroutine resume_run(s)
+    type(stepper_t), intent(inout) :: s
+    call set_bounds(s)
+    call find_held(s)
+    if (.not. s%time_options%redo) return
+    call save_particles(s%engine%particles, .true., s%saved)
+    s%saved%books%sorts = s%books%sorts
+  end subroutine resume_run
 
   !> Kinetic energy of the particles as they last gave to the grid, that of their affine parts included [J]
   pure real(dp) function kinetic_given(s)

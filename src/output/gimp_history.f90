@@ -6,11 +6,13 @@ module gimp_history
   use gimp_kinds, only: dp, i8
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
+  use gimp_parcel, only: parcel_t, carry
+  use gimp_file_system, only: raw_file_t, open_raw_file, resize_raw_file, close_raw_file, file_bytes
   use gimp_append_file, only: make_group, make_table, append_rows, set_attribute, stored_real64
   use gimp_output_file, only: output_file_t, commit_output
   implicit none(type, external)
   private
-  public :: history_t, open_history, append_row, commit_history, close_history
+  public :: history_t, open_history, append_row, commit_history, close_history, carry_history, reopen_csv
 
   integer, parameter :: most_rows = 1024 !! gathered in memory
   integer(i8), parameter :: chunk_rows = 512
@@ -24,6 +26,7 @@ module gimp_history
     real(dp), allocatable, private :: row(:, :) ! (row, column)
     integer, private :: csv = 0 ! unit, 0 for none
     character(len=:), allocatable, private :: csv_path
+    integer(i8) :: csv_bytes = 0 !! length of the CSV file as of the last commit
   end type history_t
 
 contains
@@ -146,5 +149,41 @@ contains
     history%csv = 0
     if (status /= 0 .and. .not. allocated(error)) call raise(error, history%csv_path//": closing failed; is the disk full?")
   end subroutine close_history
+
+  !> Pack or unpack what is known of a history without gathered rows; the CSV file has to be opened by `reopen_csv`
+  subroutine carry_history(history, parcel)
+    type(history_t), intent(inout) :: history
+    type(parcel_t), intent(inout) :: parcel
+    integer :: k
+    call carry(parcel, history%columns)
+    call carry(parcel, history%rows)
+    if (parcel%reading .and. parcel%sound) allocate (history%table(history%columns), history%row(most_rows, history%columns))
+    do k = 1, history%columns
+      if (.not. parcel%sound) return
+      call carry(parcel, history%table(k))
+    end do
+    if (history%csv /= 0) history%csv_bytes = file_bytes(history%csv_path)
+    call carry(parcel, history%csv_bytes)
+  end subroutine carry_history
+
+  !> Cut a CSV file back to the length it had when the history was packed, and go on with it
+  subroutine reopen_csv(history, path, error)
+    type(history_t), intent(inout) :: history
+    character(len=*), intent(in) :: path
+    type(error_t), allocatable, intent(out) :: error
+    type(raw_file_t) :: raw
+    character(len=200) :: reason
+    integer :: status
+    call open_raw_file(path, raw, error)
+    if (.not. allocated(error)) call resize_raw_file(raw, history%csv_bytes, error)
+    if (.not. allocated(error)) call close_raw_file(raw, error)
+    if (allocated(error)) return
+    reason = ""
+    open (newunit=history%csv, file=path, status="old", position="append", action="write", iostat=status, iomsg=reason)
+    history%csv_path = path
+    if (status == 0) return
+    history%csv = 0
+    call raise(error, path//": cannot be continued: "//trim(reason))
+  end subroutine reopen_csv
 
 end module gimp_history

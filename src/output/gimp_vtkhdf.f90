@@ -8,12 +8,13 @@ module gimp_vtkhdf
   use gimp_kinds, only: wp, i8
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
+  use gimp_parcel, only: parcel_t, carry_bits
   use gimp_append_file, only: make_group, make_table, append_rows, table_rows, set_attribute, stored_real32, stored_real64, &
     stored_int64
   use gimp_output_file, only: output_file_t, commit_output
   implicit none(type, external)
   private
-  public :: frames_t, open_frames, begin_frame, add_field, end_frame
+  public :: frames_t, open_frames, begin_frame, add_field, end_frame, carry_frames
 
   integer, parameter :: max_fields = 64
   integer(i8), parameter :: fewest_rows = 1024, most_rows = 2_i8**20 !! particles stored together
@@ -294,5 +295,15 @@ contains
       call append_rows(output%file, table, [value], error)
     end subroutine append_one
   end subroutine end_frame
+
+  !> Pack or unpack what is known of the frames of a file between two frames
+  pure subroutine carry_frames(frames, parcel)
+    type(frames_t), intent(inout) :: frames
+    type(parcel_t), intent(inout) :: parcel
+    integer(i8) :: words(storage_size(frames)/64)
+    words = transfer(frames, words)
+    call carry_bits(parcel, words)
+    if (parcel%reading) frames = transfer(words, frames)
+  end subroutine carry_frames
 
 end module gimp_vtkhdf

@@ -495,6 +495,7 @@ contains
         return
       end if
     end if
+    if (text_of_key(scene, "restart", 1, "from") /= "") return ! the file must be there then
     if (.not. usable(scene, "output", 1, "overwrite")) return
     if (logical_of(scene, "output", 1, "overwrite")) return
     inquire (file=name//".vtkhdf", exist=exists)

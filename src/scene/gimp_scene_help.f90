@@ -23,6 +23,7 @@ contains
     text = "gimp.x: the material point method, from one input to one output file"//nl//nl// &
       "usage"//nl// &
       "  gimp.x < scene.nml           run the scene"//nl// &
+      "  gimp.x --restart FILE < ...  go on from a checkpoint of the same scene"//nl// &
       "  gimp.x --check < scene.nml   only check it: tells every mistake, or what the run will cost; writes nothing"//nl// &
       "  gimp.x --help [GROUP]        this page; with a group, its keys"//nl// &
       "  gimp.x --reference           all groups and keys as Markdown (docs/input-reference.md)"//nl// &

@@ -78,7 +78,7 @@ contains
     groups(10) = group_t("verification", 0, 1, .false., "an exact solution: it gives start, body force and error norms")
     groups(11) = group_t("mesh", 0, 1, .true., "an unstructured mesh in place of the grid")
     groups(12) = group_t("contact", 0, 0, .true., "contact between bodies")
-    groups(13) = group_t("restart", 0, 1, .true., "checkpoints and restart")
+    groups(13) = group_t("restart", 0, 1, .false., "when checkpoints are written, and the one to continue from")
     groups(14) = group_t("parallel", 0, 1, .false., "how many threads work; the results do not depend on it")
     groups(15) = group_t("refine", 0, 1, .true., "refinement of grid and particles")
   end subroutine list_groups
@@ -98,6 +98,7 @@ contains
     call method_keys(table, n)
     call time_keys(table, n)
     call output_keys(table, n)
+    call restart_keys(table, n)
     call parallel_keys(table, n)
     call verification_keys(table, n)
     allocate (keys(n))
@@ -365,6 +366,19 @@ contains
     call add(t, n, g, "progress", kind_word, "auto: a live line on a terminal, plain lines in a log; on: plain lines everywhere", &
              words="auto on off", default="auto")
   end subroutine output_keys
+
+  pure subroutine restart_keys(t, n)
+    type(key_t), intent(inout) :: t(:)
+    integer, intent(inout) :: n
+    character(len=*), parameter :: g = "restart"
+    call add(t, n, g, "every", kind_real, "simulated time between checkpoints; steps are not shortened to meet it; 0: none", &
+             unit="s", range="[0,)", default="0")
+    call add(t, n, g, "every_steps", kind_integer, "steps between checkpoints; 0: none", range="[0,)", default="0")
+    call add(t, n, g, "every_minutes", kind_real, "wall-clock time between checkpoints; 0: none", unit="min", range="[0,)", &
+             default="0")
+    call add(t, n, g, "from", kind_text, "checkpoint to continue from; the command line says the same with --restart FILE", &
+             empty_default=.true.)
+  end subroutine restart_keys
 
   pure subroutine parallel_keys(t, n)
     type(key_t), intent(inout) :: t(:)

@@ -11,7 +11,7 @@ module gimp_scene_text
   use gimp_scene_values, only: parse_integer, quoted_text
   implicit none(type, external)
   private
-  public :: entry_t, block_t, line_t, read_lines, split_lines, join_lines, scan_groups, shown_values
+  public :: entry_t, block_t, line_t, read_lines, split_lines, join_lines, scan_groups, put_text_value, shown_values
 
   integer, parameter :: item_most = 256 !! characters of a value that are kept
   integer, parameter :: repeat_most = 100000 !! a larger repeat count is a slip of the pen
@@ -501,5 +501,31 @@ contains
     tokens(n)%glued = glued
     tokens(n)%text = text
   end subroutine add_token
+
+  !> Write a text key as if it stood in the scene, in place of what stands there; it has no line
+  pure subroutine put_text_value(blocks, group, key, value)
+    type(block_t), allocatable, intent(inout) :: blocks(:)
+    character(len=*), intent(in) :: group, key, value
+    type(block_t) :: added
+    integer :: b, e
+    do b = 1, size(blocks)
+      if (blocks(b)%name == group) exit
+    end do
+    if (b > size(blocks)) then
+      added%name = group
+      allocate (added%entry(0))
+      blocks = [blocks, added]
+    end if
+    associate (block => blocks(b))
+      do e = 1, block%n
+        if (block%entry(e)%name == key) exit
+      end do
+      if (e > size(block%entry)) block%entry = [block%entry, entry_t()]
+      block%n = max(block%n, e)
+      block%entry(e) = entry_t(name=key, n=1, length=[len(value)], quoted=[.true.])
+      allocate (block%entry(e)%item(1))
+      block%entry(e)%item(1) = value
+    end associate
+  end subroutine put_text_value
 
 end module gimp_scene_text

@@ -40,6 +40,8 @@ def prepare(name, folder):
         (folder / "gimp.vtkhdf").write_text("a run of yesterday")
     elif name == "particle_file_unreadable":
         (folder / "particles.h5").write_text("this is no HDF5 file")
+    elif name == "restart_from_foreign":
+        (folder / "letter.txt").write_text("this is no checkpoint")
     elif name == "particle_file_without_mass":
         write_particles(folder / "particles.h5", position=[[0.5, 0.5]], volume=[0.01])
     elif name == "particle_of_file_outside":

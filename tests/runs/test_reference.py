@@ -25,7 +25,7 @@ def test_reference_is_what_the_program_says(gimp_x):
 def test_help_names_every_argument_and_exit_code(gimp_x):
     code, text, _ = say(gimp_x, "--help")
     assert code == 0
-    for argument in ("--check", "--help [GROUP]", "--version", "--reference"):
+    for argument in ("--check", "--restart FILE", "--help [GROUP]", "--version", "--reference"):
         assert f"gimp.x {argument}" in text
     codes = text.split("exit codes\n")[1].split("\n")
     assert [line.split()[0] for line in codes if line.strip()] == ["0", "1", "2"]
@@ -34,7 +34,7 @@ def test_help_names_every_argument_and_exit_code(gimp_x):
 
 def test_every_group_of_the_reference_has_its_help(gimp_x):
     groups = [line[5:-1] for line in REFERENCE.read_text().splitlines() if line.startswith("## `&")]
-    assert len(groups) == 11
+    assert len(groups) == 12
     for group in groups:
         code, text, _ = say(gimp_x, "--help", group)
         assert code == 0 and text.startswith(f"&{group} (")

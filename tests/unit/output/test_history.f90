@@ -4,8 +4,11 @@ program test_history
   use gimp_error, only: error_t
   use gimp_file_system, only: delete_file
   use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, read_dataset, read_attribute, read_text
-  use gimp_output_file, only: output_file_t, open_output, commit_output, close_output
-  use gimp_history, only: history_t, open_history, append_row, commit_history, close_history
+  use gimp_output_file, only: output_file_t, open_output, commit_output, close_output, carry_output, &
+    reopen_output
+  use gimp_parcel, only: parcel_t, pack_parcel, unpack_parcel, is_used_up
+  use gimp_history, only: history_t, open_history, append_row, commit_history, close_history, carry_history, &
+    reopen_csv
   use gimp_summary, only: write_scene, put_summary
   use gimp_check, only: begin_suite, end_suite, check, check_true
   implicit none(type, external)
@@ -14,6 +17,7 @@ program test_history
   call begin_suite("history")
   call rows_come_back()
   call scene_and_summary()
+  call goes_on()
   call delete_file(name, error)
   call delete_file(csv, error)
   call end_suite()
@@ -45,6 +49,47 @@ contains
     call check_true(allocated(error), "a column exists once")
     call close_output(output, error)
   end subroutine rows_come_back
+
+  !> Rows that came after the state was packed are gone, from the table and from the CSV file; then it goes on
+  subroutine goes_on()
+    type(output_file_t) :: output, output_again
+    type(history_t) :: history, history_again
+    type(parcel_t) :: packed, parcel
+    integer :: k
+    call open_output(name, .true., output, error)
+    call open_history(output, ["step  ", "energy"], ["1", "J"], history, error, csv)
+    do k = 1, 1700
+      call append_row(output, history, [real(k, dp), 1.0_dp/k], error)
+    end do
+    call commit_history(output, history, error)
+    call pack_parcel(packed)
+    call carry_history(history, packed)
+    call carry_output(output, packed)
+    do k = 1, 1100
+      call append_row(output, history, [-1.0_dp, -1.0_dp], error)
+    end do
+    call close_history(output, history, error)
+    call close_output(output, error)
+    call check_true(.not. allocated(error), "a run that goes on in vain")
+    call unpack_parcel(parcel, packed%words(:packed%n))
+    call carry_history(history_again, parcel)
+    call carry_output(output_again, parcel)
+    call check_true(is_used_up(parcel), "the state of a history comes out of its parcel")
+    call reopen_output(name, "me", output_again, error)
+    call reopen_csv(history_again, csv, error)
+    call check_true(.not. allocated(error), "reopen")
+    call check_table(1700)
+    do k = 1701, 3000
+      call append_row(output_again, history_again, [real(k, dp), 1.0_dp/k], error)
+    end do
+    call close_history(output_again, history_again, error)
+    call close_output(output_again, error)
+    call check_table(3000)
+    call check_csv(3000)
+    call delete_file(csv, error)
+    call reopen_csv(history_again, csv, error)
+    call check_true(allocated(error), "a CSV file that is gone is told")
+  end subroutine goes_on
 
   subroutine check_table(rows)
     integer, intent(in) :: rows

@@ -116,7 +116,7 @@ contains
   !> Keys that the choices made do not read
   subroutine test_choices()
     call extra_says('&method transfer = "pic" flip_fraction = 0.5 /', &
-                    "&method: flip_fraction = 0.5; is not read by transfer pic, only by flip, apic or tpic")
+                    "&method: flip_fraction = 0.5; is not read by transfer pic, only by flip, apic, tpic or mls")
     call extra_says('&method basis = "ugimp" domain = "volume" /', &
                     '&method: domain = "volume"; is not read by basis ugimp, only by cpgimp')
     call extra_says('&method damping = "local" damping_factor = 0.5 /', "")
