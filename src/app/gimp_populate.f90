@@ -426,6 +426,7 @@ contains
     if (is_given(scene, "body", b, "velocity_gradient")) then
       gradient(:d, :d) = transpose(reshape(reals_of(scene, "body", b, "velocity_gradient"), [d, d]))
     end if
+    gradient = gradient + reshape([0.0_wp, spin(3), -spin(2), -spin(3), 0.0_wp, spin(1), spin(2), -spin(1), 0.0_wp], [3, 3])
     if (is_given(scene, "body", b, "rotation_center")) then
       center(:d) = reals_of(scene, "body", b, "rotation_center")
     else if (body%shape%kind /= shape_none) then
@@ -444,9 +445,11 @@ contains
             if (.not. exact .and. .not. allocated(population%table(b)%velocity)) then
               x = 0.0_wp
               x(:d) = s%engine%grid%lower(:d) + s%engine%grid%spacing*p%p(l, :d, c) - center(:d)
-              x = velocity + matmul(gradient, x) &
-                  + [spin(2)*x(3) - spin(3)*x(2), spin(3)*x(1) - spin(1)*x(3), spin(1)*x(2) - spin(2)*x(1)]
+              x = velocity + matmul(gradient, x)
               p%p(l, p%velocity%first:p%velocity%first + d - 1, c) = x(:d)
+              do k = 1, merge(d, 0, p%affine%first > 0) ! what affine transfers carry is there from the start
+                p%p(l, p%affine%first + d*(k - 1):p%affine%first + d*k - 1, c) = gradient(k, :d)
+              end do
             end if
             if (p%faces%first == 0) cycle
             faces = nint(p%p(l, p%faces%first, c), i8)
