@@ -1,0 +1,2 @@
+gimp_add_unit_test(base test_hash_sorting)
+gimp_add_unit_test(base test_accumulator)
