@@ -1,5 +1,6 @@
 !> gimp.x < input.nml: the only place that ends the program. Exit codes: 0 done, 1 the run failed, 2 bad input.
 program gimp_main
+  use gimp_kinds, only: precision_word
   use gimp_error, only: error_t, report_lines
   use gimp_text, only: text_of
   use gimp_file_system, only: file_exists
@@ -24,7 +25,7 @@ program gimp_main
   case ("", "--check")
     if (second /= "") call refuse("unknown argument '"//trim(second)//"'; gimp.x --help tells which there are")
   case ("--version")
-    write (output_unit, "(a)") "gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//")"
+    write (output_unit, "(a)") "gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//", "//precision_word//" precision)"
     stop
   case ("--help")
     if (second == "") then

@@ -31,10 +31,10 @@ module gimp_recorder
     character(len=64), allocatable :: fields(:)
     integer(i8), allocatable :: body_first(:)
     integer(i8), allocatable :: probe(:) !! numbers of the particles that probes follow
-    real(wp) :: every = 0.0_wp !! time between frames [s]; 0: first and last only
+    real(dp) :: every = 0.0_dp !! time between frames [s]; 0: first and last only
     integer :: history_every = 1
     integer :: frame = 0 !! frames written
-    real(wp) :: frame_time = -1.0_wp !! of the last frame [s]
+    real(dp) :: frame_time = -1.0_dp !! of the last frame [s]
     integer(i8) :: row_step = -1 !! step of the last history row
     type(totals_t) :: totals
     type(errors_t) :: errors
@@ -91,7 +91,7 @@ contains
     type(scene_t), intent(in) :: scene
     type(stepper_t), intent(in) :: s
     type(recorder_t), intent(inout) :: recorder
-    real(wp), allocatable :: points(:)
+    real(dp), allocatable :: points(:)
     integer :: d, k
     d = scene%dimension
     allocate (recorder%probe(0))
@@ -170,11 +170,11 @@ contains
   end subroutine name_columns
 
   !> Time of the next frame [s]
-  pure real(wp) function next_frame_time(recorder, end) result(time)
+  pure real(dp) function next_frame_time(recorder, end) result(time)
     type(recorder_t), intent(in) :: recorder
-    real(wp), intent(in) :: end !! of the run [s]
+    real(dp), intent(in) :: end !! of the run [s]
     time = end
-    if (recorder%every > 0.0_wp) time = min(end, recorder%frame*recorder%every)
+    if (recorder%every > 0.0_dp) time = min(end, recorder%frame*recorder%every)
   end function next_frame_time
 
   !> Measure and write one row of the history
@@ -183,7 +183,8 @@ contains
     type(stepper_t), intent(inout) :: s
     type(error_t), allocatable, intent(out) :: error
     real(dp) :: row(most_columns)
-    real(wp) :: x(lanes, 3), sigma(lanes, 6), j(lanes)
+    real(dp) :: x(lanes, 3)
+    real(wp) :: sigma(lanes, 6), j(lanes)
     integer :: n, p, g, c, l, d
     if (recorder%row_step == s%step) return
     d = s%engine%grid%dim
@@ -192,7 +193,7 @@ contains
     if (s%step == 0) s%books%stored_start = recorder%totals%stored
     s%books%largest = max(s%books%largest, recorder%totals%stored)
     associate (b => s%books, t => recorder%totals)
-      row(:16) = [real(s%step, dp), real(s%time, dp), real(s%dt, dp), real(s%limit, dp), b%kinetic, t%stored, b%plastic, &
+      row(:16) = [real(s%step, dp), s%time, s%dt, real(s%limit, dp), b%kinetic, t%stored, b%plastic, &
                   b%damping, b%loads, b%reactions, b%loss_p2g, b%loss_g2p, stress_update_error(b), b%removed, &
                   energy_residual(b), energy_drift(b)]
       row(17:19) = t%momentum
@@ -226,10 +227,10 @@ contains
   end subroutine record_row
 
   !> Time at which the particles' velocities live: half a step back after a half-step start
-  pure real(wp) function velocity_time(s)
+  pure real(dp) function velocity_time(s)
     type(stepper_t), intent(in) :: s
     velocity_time = s%time
-    if (s%method%half_start .and. s%step > 0) velocity_time = s%time - 0.5_wp*s%dt
+    if (s%method%half_start .and. s%step > 0) velocity_time = s%time - 0.5_dp*s%dt
   end function velocity_time
 
   !> Write one frame, with the history up to it
@@ -238,7 +239,7 @@ contains
     type(stepper_t), intent(inout) :: s
     type(error_t), allocatable, intent(out) :: error
     integer(i8), allocatable :: rank(:, :)
-    real(wp), allocatable :: values(:, :)
+    real(dp), allocatable :: values(:, :)
     integer :: k
     if (recorder%frame_time == s%time) return
     call rank_particles(s%engine, rank)
@@ -280,7 +281,8 @@ contains
     type(particle_table_t) :: table
     type(error_t), allocatable :: ignored
     integer(i8), allocatable :: rank(:, :)
-    real(wp) :: x(lanes, 3), f(lanes, 9), sigma(lanes, 6), j(lanes)
+    real(dp) :: x(lanes, 3)
+    real(wp) :: f(lanes, 9), sigma(lanes, 6), j(lanes)
     integer :: g, c, l, d, i, k
     d = s%engine%grid%dim
     call rank_particles(s%engine, rank)
@@ -313,7 +315,7 @@ contains
         end do
       end do
     end associate
-    call write_particle_file(recorder%name//".failed.h5", table, error, reason=reason, step=s%step, time=real(s%time, dp))
+    call write_particle_file(recorder%name//".failed.h5", table, error, reason=reason, step=s%step, time=s%time)
     if (allocated(error)) call delete_file(recorder%name//".failed.h5.part", ignored)
   end subroutine record_failure
 
