@@ -236,7 +236,8 @@ contains
         if (load%kind == load_point) cycle
         load%place = faces
         faces = faces + 1
-        if (faces > most_face_loads) call complain(error, scene, "load", k, "kind", "a scene can hold at most "//text_of(most_face_loads)//" face loads in "//precision_word//" precision")
+        if (faces > most_face_loads) call complain(error, scene, "load", k, "kind", &
+          "a scene can hold at most "//text_of(most_face_loads)//" face loads in "//precision_word//" precision")
       end associate
     end do
   end subroutine set_up_loads
