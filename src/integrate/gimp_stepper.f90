@@ -242,7 +242,7 @@ contains
   subroutine take_step(s, error)
     type(stepper_t), intent(inout) :: s
     type(error_t), allocatable, intent(out) :: error
-    real(wp) :: dt
+    real(dp) :: dt
     integer :: k
     if (.not. s%time_options%redo) then
       call advance(s, error)
@@ -254,7 +254,7 @@ contains
       call advance(s, error)
       if (.not. went_wrong(s, allocated(error))) return
       if (k == most_halvings) exit
-      dt = 0.5_wp*s%dt
+      dt = 0.5_dp*s%dt
       call recall_state(s, error)
       if (allocated(error)) return
       s%dt = dt
@@ -321,8 +321,7 @@ contains
     type(stepper_t), intent(inout) :: s
     type(error_t), allocatable, intent(out) :: error
     type(pass_t) :: first, second, last
-    real(dp) :: kinetic
-    real(dp) :: kick
+    real(dp) :: kinetic, kick
 
     kick = s%kick_before + 0.5_dp*s%dt
     if (s%step == 0 .and. .not. s%method%half_start) kick = s%dt
