@@ -21,5 +21,5 @@ if(CMAKE_BUILD_TYPE STREQUAL "Release" AND EXISTS /proc/cpuinfo) # the processor
   endif()
 endif()
 if(NOT wide_vectors)
-  set(GIMP_FYPP_OPTIONS -DSPLIT)
+  set(GIMP_FYPP_OPTIONS_double -DSPLIT) # 256 bits hold the eight fields in single precision
 endif()

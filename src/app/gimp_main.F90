@@ -1,5 +1,6 @@
 !> gimp.x < input.nml: the only place that ends the program. Exit codes: 0 done, 1 the run failed, 2 bad input.
 program gimp_main
+  use gimp_kinds, only: precision_word
   use gimp_error, only: error_t, report_lines
   use gimp_text, only: text_of
   use gimp_file_system, only: file_exists
@@ -82,7 +83,7 @@ contains
     if (command_argument_count() > merge(2, 1, question == "--help")) return
     select case (question)
     case ("--version")
-      write (output_unit, "(a)") "gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//")"
+      write (output_unit, "(a)") "gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//", "//precision_word//" precision)"
     case ("--reference")
       call write_reference(output_unit)
     case default

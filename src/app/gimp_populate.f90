@@ -11,6 +11,7 @@ module gimp_populate
   use gimp_basis, only: basis_linear, basis_cpgimp
   use gimp_domains, only: domain_half_lengths
   use gimp_verification, only: verification_t, exact_motion
+  use gimp_measures, only: chunk_reference
   use gimp_snapshot, only: needs_reference
   use gimp_stepper, only: stepper_t
   use gimp_engine, only: affine_none
@@ -102,19 +103,19 @@ contains
     integer, intent(in) :: b
     type(particle_table_t), intent(in) :: table
     type(error_t), allocatable, intent(inout) :: error
-    real(wp) :: x, f(9)
+    real(dp) :: x, f(9)
     integer(i8) :: i
     integer :: k
     do i = 1, table%n
       do k = 1, scene%dimension
         x = (table%position(k, i) - s%engine%grid%lower(k))/s%engine%grid%spacing
-        if (x >= 0.0_wp .and. x <= s%engine%grid%cells(k)) cycle
+        if (x >= 0.0_dp .and. x <= s%engine%grid%cells(k)) cycle
         call complain(error, scene, "body", b, "file", "particle "//text_of(i)//" lies outside the box of &grid")
         return
       end do
       if (allocated(table%deformation_gradient)) then
         f(:scene%dimension**2) = table%deformation_gradient(:, i)
-        if (determinant_of(scene%dimension, f) <= 0.0_wp) then
+        if (determinant_of(scene%dimension, f) <= 0.0_dp) then
           call complain(error, scene, "body", b, "file", "particle "//text_of(i) &
                         //" is inverted: its deformation_gradient must have a positive determinant")
           return
@@ -129,7 +130,7 @@ contains
         end if
       end if
       if (.not. allocated(table%half_length)) cycle
-      if (any(table%half_length(:, i) <= 0.0_wp)) then
+      if (any(table%half_length(:, i) <= 0.0_dp)) then
         call complain(error, scene, "body", b, "file", "half_length of particle "//text_of(i)//" must be positive")
         return
       end if
@@ -141,7 +142,7 @@ contains
     type(scene_t), intent(in) :: scene
     integer, intent(in) :: b
     type(fill_body_t), intent(out) :: body
-    real(wp), allocatable :: points(:), normals(:)
+    real(dp), allocatable :: points(:), normals(:)
     integer, allocatable :: per_axis(:)
     integer :: d, k
     d = scene%dimension
@@ -278,18 +279,18 @@ contains
     type(stepper_t), intent(in) :: s
     type(population_t), intent(in) :: population
     real(wp), intent(out) :: half(3)
-    real(wp) :: hinv
+    real(dp) :: hinv
     integer :: d, k
     d = s%engine%grid%dim
-    hinv = 1.0_wp/s%engine%grid%spacing
+    hinv = 1.0_dp/s%engine%grid%spacing
     half = 0.0_wp
     if (population%fill%n == 0) return
     do k = 1, size(population%table)
       if (allocated(population%table(k)%position)) return
     end do
-    half(:d) = population%fill%half_length(:, 1)*hinv
+    half(:d) = real(population%fill%half_length(:, 1)*hinv, wp)
     do k = 1, d
-      if (any(abs(population%fill%half_length(k, :)*hinv - half(k)) > 1.0e-12_wp)) half = 0.0_wp
+      if (any(abs(population%fill%half_length(k, :) - population%fill%half_length(k, 1))*hinv > 1.0e-12_dp)) half = 0.0_wp
     end do
   end subroutine find_uniform_half
 
@@ -348,46 +349,46 @@ contains
     integer, intent(in) :: b, material, l, c
     integer(i8), intent(in) :: i
     real(wp), intent(inout) :: stress(lanes, 6)
-    real(wp) :: x(3), half(3), f(9), hinv, j
+    real(dp) :: x(3), half(3), f(9), hinv, j
     integer(i8) :: q
     integer :: d, k
     d = s%engine%grid%dim
-    hinv = 1.0_wp/s%engine%grid%spacing
+    hinv = 1.0_dp/s%engine%grid%spacing
     associate (p => s%engine%particles, table => population%table(b), fill => population%fill)
-      f(:d*d) = 0.0_wp
-      f(1:d*d:d + 1) = 1.0_wp
-      half = 0.0_wp
-      x = 0.0_wp
+      f(:d*d) = 0.0_dp
+      f(1:d*d:d + 1) = 1.0_dp
+      half = 0.0_dp
+      x = 0.0_dp
       if (allocated(table%position)) then
         x(:d) = table%position(:, i)
         if (allocated(table%deformation_gradient)) f(:d*d) = table%deformation_gradient(:, i)
-        p%p(l, p%mass%first, c) = table%mass(i)
+        p%p(l, p%mass%first, c) = real(table%mass(i), wp)
         j = determinant_of(d, f)
-        p%p(l, p%volume%first, c) = table%volume(i)/j
-        if (allocated(table%velocity)) p%p(l, p%velocity%first:p%velocity%first + d - 1, c) = table%velocity(:, i)
-        half(:d) = 0.5_wp*(table%volume(i)/j)**(1.0_wp/d)*hinv
+        p%p(l, p%volume%first, c) = real(table%volume(i)/j, wp)
+        if (allocated(table%velocity)) p%p(l, p%velocity%first:p%velocity%first + d - 1, c) = real(table%velocity(:, i), wp)
+        half(:d) = 0.5_dp*(table%volume(i)/j)**(1.0_dp/d)*hinv
         if (allocated(table%half_length)) half(:d) = table%half_length(:, i)*hinv
-        if (allocated(table%stress)) stress(l, :) = table%stress(:, i)
+        if (allocated(table%stress)) stress(l, :) = real(table%stress(:, i), wp)
       else
         q = fill%first(b) + i - 1
         x(:d) = fill%position(:, q)
-        p%p(l, p%volume%first, c) = fill%volume(q)
-        p%p(l, p%mass%first, c) = fill%volume(q)*s%engine%laws(material)%law%density
+        p%p(l, p%volume%first, c) = real(fill%volume(q), wp)
+        p%p(l, p%mass%first, c) = real(fill%volume(q)*s%engine%laws(material)%law%density, wp)
         half(:d) = fill%half_length(:, q)*hinv
         if (p%faces%first > 0) p%p(l, p%faces%first, c) = fill%faces(q) ! turned into load marks by start_body
       end if
       do k = 1, d
-        p%p(l, k, c) = (x(k) - s%engine%grid%lower(k))*hinv
-        if (p%reference%first > 0) p%p(l, p%reference%first + k - 1, c) = x(k)
-        if (p%half_length%first > 0) p%p(l, p%half_length%first + k - 1, c) = half(k)
+        p%p(l, k, c) = real((x(k) - s%engine%grid%lower(k))*hinv, wp)
+        if (p%reference%first > 0) p%p(l, p%reference%first + k - 1, c) = p%p(l, k, c)
+        if (p%half_length%first > 0) p%p(l, p%half_length%first + k - 1, c) = real(half(k), wp)
       end do
-      p%p(l, p%deformation%first:p%deformation%first + d*d - 1, c) = f(:d*d)
+      p%p(l, p%deformation%first:p%deformation%first + d*d - 1, c) = real(f(:d*d), wp)
     end associate
   end subroutine place_particle
 
-  pure real(wp) function determinant_of(d, f) result(j)
+  pure real(dp) function determinant_of(d, f) result(j)
     integer, intent(in) :: d
-    real(wp), intent(in) :: f(9)
+    real(dp), intent(in) :: f(9)
     select case (d)
     case (1); j = f(1)
     case (2); j = f(1)*f(4) - f(2)*f(3)
@@ -404,18 +405,18 @@ contains
     type(population_t), intent(in) :: population
     integer, intent(in) :: b
     type(fill_body_t) :: body
-    real(wp) :: velocity(3), spin(3), center(3), gradient(3, 3), x(3), f(9)
-    real(wp), allocatable :: given(:)
+    real(dp) :: velocity(3), spin(3), center(3), gradient(3, 3), x(3), f(9)
+    real(dp), allocatable :: given(:)
     integer(i8) :: marks, faces
     integer :: d, c, l, k, g
     logical :: exact, has_f
     d = scene%dimension
     exact = word_of(scene, "body", b, "initial") == "verification"
     call describe_body(scene, b, body)
-    velocity = 0.0_wp
-    spin = 0.0_wp
-    gradient = 0.0_wp
-    center = 0.0_wp
+    velocity = 0.0_dp
+    spin = 0.0_dp
+    gradient = 0.0_dp
+    center = 0.0_dp
     has_f = is_given(scene, "body", b, "deformation_gradient")
     if (is_given(scene, "body", b, "velocity")) velocity(:d) = reals_of(scene, "body", b, "velocity")
     if (is_given(scene, "body", b, "angular_velocity")) then
@@ -426,7 +427,7 @@ contains
     if (is_given(scene, "body", b, "velocity_gradient")) then
       gradient(:d, :d) = transpose(reshape(reals_of(scene, "body", b, "velocity_gradient"), [d, d]))
     end if
-    gradient = gradient + reshape([0.0_wp, spin(3), -spin(2), -spin(3), 0.0_wp, spin(1), spin(2), -spin(1), 0.0_wp], [3, 3])
+    gradient = gradient + reshape([0.0_dp, spin(3), -spin(2), -spin(3), 0.0_dp, spin(1), spin(2), -spin(1), 0.0_dp], [3, 3])
     if (is_given(scene, "body", b, "rotation_center")) then
       center(:d) = reals_of(scene, "body", b, "rotation_center")
     else if (body%shape%kind /= shape_none) then
@@ -441,14 +442,14 @@ contains
           if (exact) call start_exactly(s, solution, population, b, c)
           do l = 1, lanes
             if (p%id(l, c) < population%first(b) .or. p%id(l, c) >= population%first(b) + population%count(b)) cycle
-            if (has_f) p%p(l, p%deformation%first:p%deformation%first + d*d - 1, c) = f(:d*d)
+            if (has_f) p%p(l, p%deformation%first:p%deformation%first + d*d - 1, c) = real(f(:d*d), wp)
             if (.not. exact .and. .not. allocated(population%table(b)%velocity)) then
-              x = 0.0_wp
+              x = 0.0_dp
               x(:d) = s%engine%grid%lower(:d) + s%engine%grid%spacing*p%p(l, :d, c) - center(:d)
               x = velocity + matmul(gradient, x)
-              p%p(l, p%velocity%first:p%velocity%first + d - 1, c) = x(:d)
+              p%p(l, p%velocity%first:p%velocity%first + d - 1, c) = real(x(:d), wp)
               do k = 1, merge(d, 0, p%affine%first > 0) ! what affine transfers carry is there from the start
-                p%p(l, p%affine%first + d*(k - 1):p%affine%first + d*k - 1, c) = gradient(k, :d)
+                p%p(l, p%affine%first + d*(k - 1):p%affine%first + d*k - 1, c) = real(gradient(k, :d), wp)
               end do
             end if
             if (p%faces%first == 0) cycle
@@ -493,25 +494,24 @@ contains
     type(verification_t), intent(in) :: solution
     type(population_t), intent(in) :: population
     integer, intent(in) :: b, c
-    real(wp) :: x(lanes, 3), u(lanes, 3), v(lanes, 3), f(lanes, 9)
+    real(dp) :: x(lanes, 3), u(lanes, 3), v(lanes, 3), f(lanes, 9)
     integer :: d, i, j, k, l
     d = s%engine%grid%dim
     associate (p => s%engine%particles)
-      x = 0.0_wp
-      x(:, :d) = p%p(:, p%reference%first:p%reference%first + d - 1, c)
+      call chunk_reference(s%engine, c, x)
       do l = 1, lanes
         if (p%id(l, c) == 0) x(l, :) = x(1, :)
       end do
-      call exact_motion(solution, 0.0_wp, x, u, v, f)
+      call exact_motion(solution, 0.0_dp, x, u, v, f)
       do l = 1, lanes
         if (p%id(l, c) < population%first(b) .or. p%id(l, c) >= population%first(b) + population%count(b)) cycle
         do k = 1, d
-          p%p(l, k, c) = p%p(l, k, c) + u(l, k)/s%engine%grid%spacing
-          p%p(l, p%velocity%first + k - 1, c) = v(l, k)
+          p%p(l, k, c) = real(p%p(l, k, c) + u(l, k)/s%engine%grid%spacing, wp)
+          p%p(l, p%velocity%first + k - 1, c) = real(v(l, k), wp)
         end do
         do i = 1, d
           do j = 1, d
-            p%p(l, p%deformation%first + d*(i - 1) + j - 1, c) = f(l, 3*(i - 1) + j)
+            p%p(l, p%deformation%first + d*(i - 1) + j - 1, c) = real(f(l, 3*(i - 1) + j), wp)
           end do
         end do
       end do

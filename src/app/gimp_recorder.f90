@@ -35,13 +35,13 @@ module gimp_recorder
     character(len=64), allocatable :: fields(:)
     integer(i8), allocatable :: body_first(:)
     integer(i8), allocatable :: probe(:) !! numbers of the particles that probes follow
-    real(wp) :: every = 0.0_wp !! time between frames [s]; 0: first and last only
+    real(dp) :: every = 0.0_dp !! time between frames [s]; 0: first and last only
     integer :: history_every = 1
     integer :: frame = 0 !! frames written
     integer :: next_frame = 0 !! the next one is due at this multiple of `every`
     logical :: has_csv = .false.
     character(len=:), allocatable :: lineage !! who wrote the output file; empty where no checkpoints are asked for
-    real(wp) :: frame_time = -1.0_wp !! of the last frame [s]
+    real(dp) :: frame_time = -1.0_dp !! of the last frame [s]
     integer(i8) :: row_step = -1 !! step of the last history row
     type(totals_t) :: totals
     type(errors_t) :: errors
@@ -122,7 +122,7 @@ contains
   !> Commit the history, wait for the device and pack what a later run must know to go on with the output
   subroutine keep_record(recorder, end, parcel, error)
     type(recorder_t), intent(inout) :: recorder
-    real(wp), intent(in) :: end !! of the run [s]
+    real(dp), intent(in) :: end !! of the run [s]
     type(parcel_t), intent(inout) :: parcel
     type(error_t), allocatable, intent(out) :: error
     call commit_history(recorder%output, recorder%history, error)
@@ -152,11 +152,11 @@ contains
   !> The list of what is kept of a recorder
   subroutine carry_recorder(recorder, end, parcel, now)
     type(recorder_t), intent(inout) :: recorder
-    real(wp), intent(in) :: end !! of this run [s]
+    real(dp), intent(in) :: end !! of this run [s]
     type(parcel_t), intent(inout) :: parcel
-    real(wp), intent(in), optional :: now !! unpacking: the present time [s]
+    real(dp), intent(in), optional :: now !! unpacking: the present time [s]
     integer(i8) :: totals(storage_size(recorder%totals)/64), errors(storage_size(recorder%errors)/64)
-    real(wp) :: every, end_then
+    real(dp) :: every, end_then
     every = recorder%every
     end_then = end
     call carry(parcel, recorder%frame)
@@ -176,8 +176,8 @@ contains
     if (.not. present(now)) return
     recorder%totals = transfer(totals, recorder%totals)
     recorder%errors = transfer(errors, recorder%errors)
-    if (recorder%every > 0.0_wp .and. (every /= recorder%every .or. end_then /= end)) & ! other times of frames from now on
-      recorder%next_frame = floor(now/recorder%every + 1.0e-9_wp) + 1
+    if (recorder%every > 0.0_dp .and. (every /= recorder%every .or. end_then /= end)) & ! other times of frames from now on
+      recorder%next_frame = floor(now/recorder%every + 1.0e-9_dp) + 1
   end subroutine carry_recorder
 
   !> Cut the output of an unpacked recorder back to where it was, and go on with it
@@ -196,7 +196,7 @@ contains
     type(scene_t), intent(in) :: scene
     type(stepper_t), intent(in) :: s
     type(recorder_t), intent(inout) :: recorder
-    real(wp), allocatable :: points(:)
+    real(dp), allocatable :: points(:)
     integer :: d, k
     d = scene%dimension
     allocate (recorder%probe(0))
@@ -275,11 +275,11 @@ contains
   end subroutine name_columns
 
   !> Time of the next frame [s]
-  pure real(wp) function next_frame_time(recorder, end) result(time)
+  pure real(dp) function next_frame_time(recorder, end) result(time)
     type(recorder_t), intent(in) :: recorder
-    real(wp), intent(in) :: end !! of the run [s]
+    real(dp), intent(in) :: end !! of the run [s]
     time = end
-    if (recorder%every > 0.0_wp) time = min(end, recorder%next_frame*recorder%every)
+    if (recorder%every > 0.0_dp) time = min(end, recorder%next_frame*recorder%every)
   end function next_frame_time
 
   !> Measure and write one row of the history
@@ -288,7 +288,8 @@ contains
     type(stepper_t), intent(inout) :: s
     type(error_t), allocatable, intent(out) :: error
     real(dp) :: row(most_columns)
-    real(wp) :: x(lanes, 3), sigma(lanes, 6), j(lanes)
+    real(dp) :: x(lanes, 3)
+    real(wp) :: sigma(lanes, 6), j(lanes)
     integer :: n, p, g, c, l, d
     if (recorder%row_step == s%step) return
     d = s%engine%grid%dim
@@ -297,7 +298,7 @@ contains
     if (s%step == 0) s%books%stored_start = recorder%totals%stored
     s%books%largest = max(s%books%largest, recorder%totals%stored)
     associate (b => s%books, t => recorder%totals)
-      row(:16) = [real(s%step, dp), real(s%time, dp), real(s%dt, dp), real(s%limit, dp), b%kinetic, t%stored, b%plastic, &
+      row(:16) = [real(s%step, dp), s%time, s%dt, real(s%limit, dp), b%kinetic, t%stored, b%plastic, &
                   b%damping, b%loads, b%reactions, b%loss_p2g, b%loss_g2p, stress_update_error(b), b%removed, &
                   energy_residual(b), energy_drift(b)]
       row(17:19) = t%momentum
@@ -331,10 +332,10 @@ contains
   end subroutine record_row
 
   !> Time at which the particles' velocities live: half a step back after a half-step start
-  pure real(wp) function velocity_time(s)
+  pure real(dp) function velocity_time(s)
     type(stepper_t), intent(in) :: s
     velocity_time = s%time
-    if (s%method%half_start .and. s%step > 0) velocity_time = s%time - 0.5_wp*s%dt
+    if (s%method%half_start .and. s%step > 0) velocity_time = s%time - 0.5_dp*s%dt
   end function velocity_time
 
   !> Write one frame, with the history up to it
@@ -343,7 +344,7 @@ contains
     type(stepper_t), intent(inout) :: s
     type(error_t), allocatable, intent(out) :: error
     integer(i8), allocatable :: rank(:, :)
-    real(wp), allocatable :: values(:, :)
+    real(dp), allocatable :: values(:, :)
     integer :: k
     if (recorder%frame_time == s%time) return
     call rank_particles(s%engine, rank)
@@ -386,7 +387,8 @@ contains
     type(particle_table_t) :: table
     type(error_t), allocatable :: ignored
     integer(i8), allocatable :: rank(:, :)
-    real(wp) :: x(lanes, 3), f(lanes, 9), sigma(lanes, 6), j(lanes)
+    real(dp) :: x(lanes, 3)
+    real(wp) :: f(lanes, 9), sigma(lanes, 6), j(lanes)
     integer :: g, c, l, d, i, k
     d = s%engine%grid%dim
     call rank_particles(s%engine, rank)
@@ -419,7 +421,7 @@ contains
         end do
       end do
     end associate
-    call write_particle_file(recorder%name//".failed.h5", table, error, reason=reason, step=s%step, time=real(s%time, dp))
+    call write_particle_file(recorder%name//".failed.h5", table, error, reason=reason, step=s%step, time=s%time)
     if (allocated(error)) call delete_file(recorder%name//".failed.h5.part", ignored)
   end subroutine record_failure
 

@@ -1,6 +1,6 @@
 !> What a run says on the terminal: header, progress and the closing table, with the same numbers in the output file
 module gimp_report
-  use gimp_kinds, only: wp, dp, i8
+  use gimp_kinds, only: dp, i8, precision_word
   use gimp_error, only: error_t
   use gimp_text, only: text_of, with_thousands, short_number
   use gimp_timer, only: seconds_now
@@ -39,7 +39,7 @@ module gimp_report
   !> What the steps cost, for the closing table
   type, public :: costs_t
     real(dp) :: stepping = 0.0_dp, output = 0.0_dp, setup = 0.0_dp !! [s]
-    real(wp) :: dt_min = huge(1.0_wp), dt_max = 0.0_wp !! [s]
+    real(dp) :: dt_min = huge(1.0_dp), dt_max = 0.0_dp !! [s]
     integer(i8) :: limited(n_limits) = 0 !! steps by limit
     integer :: threads = 1
   end type costs_t
@@ -60,7 +60,7 @@ contains
     type(stepper_t), intent(in) :: s
     associate (t => s%time_options)
       if (t%rule == rule_adaptive) then
-        steps = t%end*max(s%rate, tiny(1.0_wp))/(t%courant*s%engine%grid%spacing)
+        steps = t%end*max(s%rate, tiny(1.0_dp))/(t%courant*s%engine%grid%spacing)
       else
         steps = t%end/t%step
       end if
@@ -80,7 +80,7 @@ contains
     do k = 2, scene%dimension
       cells = cells//" x "//text_of(s%engine%grid%cells(k))
     end do
-    call line("gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//")")
+    call line("gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//", "//precision_word//" precision)")
     if (text_of_key(scene, "scene", 1, "title") /= "") call line("  "//text_of_key(scene, "scene", 1, "title"))
     if (continued /= "") call line("  continued "//continued)
     call line("  grid       "//cells//" cells of "//text_of(s%engine%grid%spacing)//" m")
@@ -95,11 +95,11 @@ contains
       if (s%engine%particles%fields(k)%reason /= "") call line("             "//field_words(s%engine%particles%fields(k)) &
         //" ("//trim(s%engine%particles%fields(k)%reason)//")")
     end do
-    call line("  memory     "//short_number(real(stepper_bytes(s), wp))//"B, " &
+    call line("  memory     "//short_number(real(stepper_bytes(s), dp))//"B, " &
               //text_of(int(stepper_bytes(s)/max(1_i8, s%engine%particles%n)))//" bytes a particle with grid and sort" &
               //saved_words())
     call line("  time       "//text_of(s%time_options%end)//" s in about "//with_thousands(ceiling(estimated_steps(s), i8)) &
-              //" steps of "//text_of(real(s%time_options%end/max(1.0_dp, estimated_steps(s)), wp), 3)//" s")
+              //" steps of "//text_of(s%time_options%end/max(1.0_dp, estimated_steps(s)), 3)//" s")
 
   contains
 
@@ -128,21 +128,21 @@ contains
     function field_words(field) result(words)
       type(field_t), intent(in) :: field
       character(len=:), allocatable :: words
-      words = trim(field%name)//" "//text_of(field%components*(storage_size(1.0_wp)/8))//" B"
+      words = trim(field%name)//" "//text_of(field%components*(storage_size(1.0_dp)/8))//" B"
     end function field_words
 
     !> What redoing steps costs
     function saved_words() result(words)
       character(len=:), allocatable :: words
       words = ""
-      if (s%time_options%redo) words = "; "//short_number(real(stepper_bytes(s) - engine_bytes(s%engine), wp)) &
+      if (s%time_options%redo) words = "; "//short_number(real(stepper_bytes(s) - engine_bytes(s%engine), dp)) &
                                        //"B of it the state that steps are redone from"
     end function saved_words
 
     function transfer_words() result(words)
       character(len=:), allocatable :: words
       words = word_of(scene, "method", 1, "transfer")
-      if (words == "flip" .and. s%method%flip < 1.0_wp) words = words//" "//text_of(s%method%flip)
+      if (words == "flip" .and. s%method%flip < 1.0_dp) words = words//" "//text_of(s%method%flip)
     end function transfer_words
 
   end subroutine print_header
@@ -192,7 +192,7 @@ contains
     share = share_done(s)
     left = (now - progress%start)*(1.0_dp - share)/max(share - progress%share, 1.0e-9_dp)
     text = "  "//text_of(int(100.0_dp*share))//" %  t = "//text_of(s%time, 4)//" s  step "//with_thousands(s%step)//"  " &
-           //short_number(real((s%particle_steps - progress%particle_steps)/max(now - progress%start, 1.0e-9_dp), wp))//"particle-steps/s  " &
+           //short_number((s%particle_steps - progress%particle_steps)/max(now - progress%start, 1.0e-9_dp))//"particle-steps/s  " &
            //text_of(ceiling(left))//" s left"
     if (progress%terminal) then
       write (output_unit, "(3a)", advance="no") achar(13), text, repeat(" ", max(0, 78 - len(text)))
@@ -236,22 +236,22 @@ contains
                 //" of it ("//check_word(s%time_options%check)//", every "//plural(s%time_options%check_every, "step", "steps")//")")
     if (s%time_options%redo) call line("  redone             "//plural(int(s%redone_steps), "step", "steps")//" with " &
                                        //plural(int(s%halvings), "halving", "halvings"))
-    call line("  speed              "//short_number(real(rate, wp))//"particle-steps/s on " &
+    call line("  speed              "//short_number(rate)//"particle-steps/s on " &
               //plural(costs%threads, "thread", "threads")//", " &
-              //text_of(real(1.0e9_dp*costs%threads/max(rate, 1.0e-9_dp), wp), 3)//" ns of a core each")
-    call line("  seconds            "//text_of(real(costs%stepping, wp), 3)//" stepping (particles "//text_of(nint(particles)) &
+              //text_of(1.0e9_dp*costs%threads/max(rate, 1.0e-9_dp), 3)//" ns of a core each")
+    call line("  seconds            "//text_of(costs%stepping, 3)//" stepping (particles "//text_of(nint(particles)) &
               //" %, grid "//text_of(nint(grid))//" %, sort "//text_of(nint(sorting))//" %), " &
-              //text_of(real(costs%output, wp), 3)//" output, "//text_of(real(costs%setup, wp), 3)//" set-up")
-    call line("  energy_residual    "//text_of(real(energy_residual(s%books), wp), 3)//"   (books; round-off is right)")
-    call line("  energy_drift       "//text_of(real(energy_drift(s%books), wp), 3) &
+              //text_of(costs%output, 3)//" output, "//text_of(costs%setup, 3)//" set-up")
+    call line("  energy_residual    "//text_of(energy_residual(s%books), 3)//"   (books; round-off is right)")
+    call line("  energy_drift       "//text_of(energy_drift(s%books), 3) &
               //"   (kinetic + stored + dissipated - work, of the largest energy exchanged)")
-    call line("  momentum_residual  "//text_of(real(momentum_residual(s%books, recorder%totals%momentum), wp), 3))
+    call line("  momentum_residual  "//text_of(momentum_residual(s%books, recorder%totals%momentum), 3))
     if (recorder%has_solution) then
-      call line("  error_rms          "//text_of(real(recorder%errors%rms/error_scale(recorder%solution), wp), 4) &
-                //"   error_max "//text_of(real(recorder%errors%max/error_scale(recorder%solution), wp), 4)//"   against " &
+      call line("  error_rms          "//text_of(recorder%errors%rms/error_scale(recorder%solution), 4) &
+                //"   error_max "//text_of(recorder%errors%max/error_scale(recorder%solution), 4)//"   against " &
                 //solution_name(recorder%solution)//", "//error_scale_text(recorder%solution))
-      call line("                     velocity "//text_of(real(recorder%errors%rms_velocity, wp), 3)//" m/s, stress " &
-                //text_of(real(recorder%errors%rms_stress, wp), 3)//" Pa (rms)")
+      call line("                     velocity "//text_of(recorder%errors%rms_velocity, 3)//" m/s, stress " &
+                //text_of(recorder%errors%rms_stress, 3)//" Pa (rms)")
     end if
     call print_counts(s)
     call line("  state_hash         "//hash_text(s))
@@ -264,7 +264,7 @@ contains
     call say(s%books%clamped, "particle domains shortened to the longest allowed (particle-steps)")
     call say(s%books%wide_chunks, "chunks through the list kernel (wide supports or drift)")
     call say(s%books%spilled, "node values beyond a pad")
-    call say(s%books%cut_nodes, "nodes below the mass cut-off (node-steps); momentum lost "//text_of(real(s%books%cut_momentum, wp), 3)//" kg m/s")
+    call say(s%books%cut_nodes, "nodes below the mass cut-off (node-steps); momentum lost "//text_of(s%books%cut_momentum, 3)//" kg m/s")
     call say(s%books%removed_particles, "particles removed at free sides")
     call say(s%books%lost_loads, "load points on inactive nodes: force was lost")
     call line("  sorts              "//with_thousands(s%books%sorts))
@@ -299,7 +299,7 @@ contains
     rate = s%particle_steps/max(costs%stepping, 1.0e-9_dp)
     call word("status", status)
     call whole("steps", s%step)
-    call number("time", real(s%time, dp))
+    call number("time", s%time)
     call whole("particles", s%engine%particles%n)
     call whole("threads", int(costs%threads, i8))
     call whole("ranks", 1_i8)
@@ -314,11 +314,11 @@ contains
     call number("particle_steps_per_core_second", rate/costs%threads)
     call number("bytes_per_particle", real(stepper_bytes(s), dp)/max(1_i8, s%engine%particles%n))
     call number("state_bytes_per_particle", real(live_bytes(s%engine%particles), dp))
-    call number("dt_min", real(min(costs%dt_min, costs%dt_max), dp))
-    call number("dt_max", real(costs%dt_max, dp))
+    call number("dt_min", min(costs%dt_min, costs%dt_max))
+    call number("dt_max", costs%dt_max)
     if (s%time_options%check /= check_none) then
-      call number("critical_step_min", real(s%least_critical, dp))
-      call number("critical_share_max", real(s%critical_share, dp))
+      call number("critical_step_min", s%least_critical)
+      call number("critical_share_max", s%critical_share)
     end if
     call whole("redone_steps", s%redone_steps)
     call whole("halvings", s%halvings)
@@ -336,7 +336,7 @@ contains
     if (recorder%has_solution) then
       call word("error_solution", solution_name(recorder%solution))
       call word("error_scale_by", error_scale_text(recorder%solution))
-      call number("error_scale", real(error_scale(recorder%solution), dp))
+      call number("error_scale", error_scale(recorder%solution))
       call number("error_rms", recorder%errors%rms/error_scale(recorder%solution))
       call number("error_max", recorder%errors%max/error_scale(recorder%solution))
       call number("error_rms_velocity", recorder%errors%rms_velocity)
@@ -348,7 +348,7 @@ contains
     call word("commit", trim(build%commit))
     call word("build", trim(build%kind))
     call word("compiler", compiler_version())
-    call word("precision", "double")
+    call word("precision", precision_word)
 
   contains
 

@@ -6,7 +6,7 @@
 !> summed, not multiplied (7e-12 of difference with equal steps). What follows from the scene is made from the scene. Nothing
 !> depends on threads.
 module gimp_restart
-  use gimp_kinds, only: wp, dp, i8, lanes
+  use gimp_kinds, only: wp, dp, i8, lanes, precision_word
   use gimp_error, only: error_t, raise, add_error
   use gimp_text, only: text_of
   use gimp_timer, only: seconds_now
@@ -32,7 +32,7 @@ module gimp_restart
   !> When checkpoints are written, and what the run goes on from
   type :: restart_t
     logical :: asked = .false. !! checkpoints are to be written
-    real(wp) :: every = 0.0_wp !! [s], of simulated time
+    real(dp) :: every = 0.0_dp !! [s], of simulated time
     integer :: every_steps = 0
     real(dp) :: every_seconds = 0.0_dp !! wall clock
     character(len=:), allocatable :: name !! of the output
@@ -56,7 +56,7 @@ contains
     restart%every = real_of(scene, "restart", 1, "every")
     restart%every_steps = integer_of(scene, "restart", 1, "every_steps")
     restart%every_seconds = 60.0_dp*real_of(scene, "restart", 1, "every_minutes")
-    restart%asked = restart%every > 0.0_wp .or. restart%every_steps > 0 .or. restart%every_seconds > 0.0_dp
+    restart%asked = restart%every > 0.0_dp .or. restart%every_steps > 0 .or. restart%every_seconds > 0.0_dp
     restart%from = text_of_key(scene, "restart", 1, "from")
     restart%name = text_of_key(scene, "output", 1, "name")
     restart%keep_present = restart%from == newest_path(restart%name)
@@ -173,7 +173,7 @@ contains
     call take_reals("particles/values", lanes*engine%particles%components, engine%particles%chunks)
     if (allocated(error)) return
     do k = 1, engine%particles%chunks
-      engine%particles%p(:, :, k) = reshape(values(:, k), [lanes, engine%particles%components])
+      engine%particles%p(:, :, k) = real(reshape(values(:, k), [lanes, engine%particles%components]), wp) ! exact
     end do
     call take_numbers("particles/id", lanes, engine%particles%chunks)
     if (allocated(error)) return
@@ -182,7 +182,7 @@ contains
     call take_reals("blocks/pads", nf*size(engine%pad, 2), engine%table%blocks)
     if (allocated(error)) return
     do k = 1, engine%table%blocks
-      engine%pad(:, :, k) = reshape(values(:, k), [nf, size(engine%pad, 2)])
+      engine%pad(:, :, k) = real(reshape(values(:, k), [nf, size(engine%pad, 2)]), wp)
     end do
     call take_reals("blocks/sums", size(engine%sums, 1), engine%table%blocks)
     if (allocated(error)) return
@@ -201,7 +201,7 @@ contains
       spill%place = [int(numbers(3, :)), (0, k=1, 64)]
       deallocate (spill%value)
       allocate (spill%value(nf, spill%n + 64), source=0.0_wp)
-      spill%value(:, :spill%n) = values
+      spill%value(:, :spill%n) = real(values, wp)
     end associate
 
   contains
@@ -229,15 +229,14 @@ contains
 
   end subroutine read_values
 
-  !> "position 2, velocity 2, ...": what a particle stores, in order
+  !> "double precision, position 2, velocity 2, ...": what a particle stores, in order
   function list_fields(engine) result(list)
     type(engine_t), intent(in) :: engine
     character(len=:), allocatable :: list
     integer :: k
-    list = ""
+    list = precision_word//" precision"
     do k = 1, size(engine%particles%fields)
-      if (k > 1) list = list//", "
-      list = list//trim(engine%particles%fields(k)%name)//" "//text_of(engine%particles%fields(k)%components)
+      list = list//", "//trim(engine%particles%fields(k)%name)//" "//text_of(engine%particles%fields(k)%components)
     end do
   end function list_fields
 
@@ -258,7 +257,7 @@ contains
     due = .false.
     if (.not. restart%asked) return
     if (restart%every_steps > 0) due = modulo(s%step, int(restart%every_steps, i8)) == 0
-    if (restart%every > 0.0_wp) due = due .or. multiple_of(restart, s) > restart%multiple
+    if (restart%every > 0.0_dp) due = due .or. multiple_of(restart, s) > restart%multiple
     if (restart%every_seconds > 0.0_dp .and. .not. due) due = seconds_now() - restart%last_seconds >= restart%every_seconds
   end function checkpoint_due
 
@@ -267,7 +266,7 @@ contains
     type(restart_t), intent(in) :: restart
     type(stepper_t), intent(in) :: s
     multiple = 0
-    if (restart%every > 0.0_wp) multiple = floor(s%time/restart%every + 1.0e-9_wp, i8)
+    if (restart%every > 0.0_dp) multiple = floor(s%time/restart%every + 1.0e-9_dp, i8)
   end function multiple_of
 
   !> Write one. The run fails if that is impossible: a run that believes in checkpoints must not go on without.

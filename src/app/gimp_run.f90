@@ -1,6 +1,6 @@
 !> A run from a checked scene to its closing table
 module gimp_run
-  use gimp_kinds, only: wp, dp, i8
+  use gimp_kinds, only: dp, i8
   use gimp_error, only: error_t, add_error
   use gimp_timer, only: seconds_now
   use gimp_scene, only: scene_t, count_groups, word_of, text_of_key, reals_of, complain
@@ -159,20 +159,20 @@ contains
     character(len=:), allocatable, intent(out) :: status
     type(error_t), allocatable, intent(out) :: error
     real(dp) :: start
-    real(wp) :: until
+    real(dp) :: until
     associate (s => run%stepper, end => run%stepper%time_options%end)
       status = "done"
       if (.not. is_continued(run)) call record(run, frame=.true., row=.true., error=error)
       if (allocated(error)) return
       call start_checkpoints(run%restart, s)
-      do while (end - s%time > 1.0e-9_wp*max(s%dt, tiny(1.0_wp)))
+      do while (end - s%time > 1.0e-9_dp*max(s%dt, tiny(1.0_dp)))
         if (s%time_options%max_steps > 0 .and. s%step >= s%time_options%max_steps) then
           status = "max_steps"
           exit
         end if
         start = seconds_now()
         until = next_frame_time(run%recorder, end) - s%time
-        if (until <= 0.0_wp) until = end - s%time
+        if (until <= 0.0_dp) until = end - s%time
         call plan_step(s, until, error)
         if (allocated(error)) return
         call take_step(s, error)
@@ -181,7 +181,7 @@ contains
         run%costs%dt_min = min(run%costs%dt_min, s%dt)
         run%costs%dt_max = max(run%costs%dt_max, s%dt)
         run%costs%limited(s%limit) = run%costs%limited(s%limit) + 1
-        call record(run, frame=s%time >= next_frame_time(run%recorder, end) - 1.0e-9_wp*s%dt, &
+        call record(run, frame=s%time >= next_frame_time(run%recorder, end) - 1.0e-9_dp*s%dt, &
                     row=modulo(s%step, int(run%recorder%history_every, i8)) == 0, error=error)
         if (allocated(error)) return
         if (checkpoint_due(run%restart, s)) call keep_state(run, error)

@@ -1,7 +1,8 @@
 !> From a checked scene to a run that can start: grid, sides, materials, method, time, loads and the exact solution
 module gimp_setup
-  use gimp_kinds, only: wp, i8, lanes
+  use gimp_kinds, only: wp, dp, i8, lanes, precision_word
   use gimp_error, only: error_t, add_error
+  use gimp_text, only: text_of
   use gimp_grid, only: make_grid
   use gimp_basis, only: basis_of_word, basis_linear, basis_cpgimp, basis_ugimp, spline_degree
   use gimp_domains, only: domain_of_word
@@ -131,7 +132,7 @@ contains
 
     subroutine take(key, value)
       character(len=*), intent(in) :: key
-      real(wp), intent(inout) :: value
+      real(dp), intent(inout) :: value
       if (is_given(scene, "material", m, key)) value = real_of(scene, "material", m, key)
     end subroutine take
 
@@ -158,7 +159,7 @@ contains
     case default; s%engine%f_update = 1
     end select
     s%method%scheme = scheme_of_word(word_of(scene, "method", 1, "stress_update"))
-    s%method%flip = real_of(scene, "method", 1, "flip_fraction")
+    s%method%flip = real(real_of(scene, "method", 1, "flip_fraction"), wp)
     if (word_of(scene, "method", 1, "transfer") == "pic") s%method%flip = 0.0_wp
     select case (word_of(scene, "method", 1, "transfer"))
     case ("apic"); s%engine%affine = affine_apic
@@ -169,14 +170,14 @@ contains
     if (s%engine%affine /= affine_none .and. s%engine%basis == basis_linear) call complain(error, scene, "method", 1, &
       "transfer", "diverges with basis = 'linear' (the carried gradient grows without bound at light nodes); use flip")
     if (s%engine%affine == affine_mls) call check_least_squares(scene, s, error)
-    s%method%cutoff = real_of(scene, "method", 1, "mass_cutoff")
+    s%method%cutoff = real(real_of(scene, "method", 1, "mass_cutoff"), wp)
     s%method%half_start = logical_of(scene, "method", 1, "half_step_start")
     select case (word_of(scene, "method", 1, "damping"))
     case ("local"); s%method%damping = damping_local
     case ("kinetic"); s%method%damping = damping_kinetic
     case default; s%method%damping = damping_none
     end select
-    s%method%damping_factor = real_of(scene, "method", 1, "damping_factor")
+    s%method%damping_factor = real(real_of(scene, "method", 1, "damping_factor"), wp)
     s%method%sort_every = integer_of(scene, "method", 1, "sort_every")
     if (s%engine%basis == basis_ugimp .and. is_given(scene, "method", 1, "domain")) &
       call complain(error, scene, "method", 1, "domain", "is read with basis = 'cpgimp' only")
@@ -252,7 +253,8 @@ contains
         if (load%kind == load_point) cycle
         load%place = faces
         faces = faces + 1
-        if (faces > most_face_loads) call complain(error, scene, "load", k, "kind", "a scene can hold at most 7 face loads")
+        if (faces > most_face_loads) call complain(error, scene, "load", k, "kind", &
+          "a scene can hold at most "//text_of(most_face_loads)//" face loads in "//precision_word//" precision")
       end associate
     end do
   end subroutine set_up_loads
@@ -277,7 +279,7 @@ contains
     type(verification_options_t) :: options
     type(error_t), allocatable :: problem
     type(solution_force_t), allocatable :: force
-    real(wp) :: young, poisson
+    real(dp) :: density, young, poisson
     integer :: d
     if (count_groups(scene, "verification") == 0) return
     d = scene%dimension
@@ -294,7 +296,7 @@ contains
     call take_vector("phases", options%phases)
     if (is_given(scene, "verification", 1, "angular_velocity")) then
       if (d == 2) then
-        options%angular_velocity = 0.0_wp
+        options%angular_velocity = 0.0_dp
         options%angular_velocity(3:3) = reals_of(scene, "verification", 1, "angular_velocity")
       else
         call take_vector("angular_velocity", options%angular_velocity)
@@ -305,11 +307,13 @@ contains
       return
     end if
     associate (law => s%engine%laws(1)%law)
+      density = law%density
+      if (is_given(scene, "material", 1, "density")) density = real_of(scene, "material", 1, "density")
       young = law%mu*(3.0_wp*law%lambda + 2.0_wp*law%mu)/(law%lambda + law%mu)
       poisson = 0.5_wp*law%lambda/(law%lambda + law%mu)
       if (is_given(scene, "material", 1, "young_modulus")) young = real_of(scene, "material", 1, "young_modulus")
       if (is_given(scene, "material", 1, "poisson_ratio")) poisson = real_of(scene, "material", 1, "poisson_ratio")
-      call make_verification(options, d, trim(law%model), law%density, young, poisson, solution, problem)
+      call make_verification(options, d, trim(law%model), density, young, poisson, solution, problem)
     end associate
     if (allocated(problem)) then
       call add_error(error, problem%message)
@@ -318,6 +322,7 @@ contains
     if (has_body_force(solution)) then
       allocate (force)
       force%solution = solution
+      force%grid = s%engine%grid
       call move_alloc(force, s%engine%body_force)
     end if
 
@@ -325,17 +330,17 @@ contains
 
     subroutine take(key, value)
       character(len=*), intent(in) :: key
-      real(wp), intent(inout) :: value
+      real(dp), intent(inout) :: value
       if (is_given(scene, "verification", 1, key)) value = real_of(scene, "verification", 1, key)
     end subroutine take
 
     subroutine take_vector(key, value)
       character(len=*), intent(in) :: key
-      real(wp), intent(inout) :: value(3)
-      real(wp), allocatable :: given(:)
+      real(dp), intent(inout) :: value(3)
+      real(dp), allocatable :: given(:)
       if (.not. is_given(scene, "verification", 1, key)) return
       given = reals_of(scene, "verification", 1, key)
-      value = 0.0_wp
+      value = 0.0_dp
       value(:size(given)) = given
     end subroutine take_vector
 
@@ -345,7 +350,7 @@ contains
   subroutine set_up_time(scene, s)
     type(scene_t), intent(in) :: scene
     type(stepper_t), intent(inout) :: s
-    real(wp) :: c
+    real(dp) :: c
     integer :: m, n
     associate (t => s%time_options)
       t%end = real_of(scene, "time", 1, "end")
@@ -357,9 +362,9 @@ contains
       t%check_every = integer_of(scene, "time", 1, "stability_every")
       t%most_of_critical = real_of(scene, "time", 1, "stability_limit")
       t%redo = logical_of(scene, "time", 1, "redo_unstable_steps")
-      c = 0.0_wp
+      c = 0.0_dp
       do m = 1, size(s%engine%laws)
-        c = max(c, s%engine%laws(m)%law%initial_speed())
+        c = max(c, real(s%engine%laws(m)%law%initial_speed(), dp))
       end do
       s%rate = c
       select case (word_of(scene, "time", 1, "step_rule"))
@@ -368,7 +373,7 @@ contains
         if (is_given(scene, "time", 1, "steps")) then
           n = integer_of(scene, "time", 1, "steps")
         else
-          n = max(1, ceiling(t%end*c/(t%courant*s%engine%grid%spacing) - 1.0e-9_wp))
+          n = max(1, ceiling(t%end*c/(t%courant*s%engine%grid%spacing) - 1.0e-9_dp))
         end if
         t%step = t%end/n
       case ("fixed")

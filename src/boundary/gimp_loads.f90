@@ -4,7 +4,7 @@
 !> splines by the splines there; a pressure follows the face, its area vector being J F^-T times the initial one (Nanson). The forces are found from the
 !> state at the start of a step and their work from the velocities of the same points in that step.
 module gimp_loads
-  use gimp_kinds, only: wp, dp, i8, lanes
+  use gimp_kinds, only: wp, sp, dp, i8, lanes
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, canonical_node, block_of_node
   use gimp_blocks, only: slot_of_node, node_in_block
   use gimp_particles, only: few_chunks
@@ -18,20 +18,21 @@ module gimp_loads
   public :: collect_loads, add_loads, work_of_loads, most_face_loads
 
   integer, parameter :: load_traction = 1, load_pressure = 2, load_point = 3
-  integer, parameter :: most_face_loads = 7 !! face loads of a scene: six bits each in a particle's whole number
+  !> Face loads of a scene: six bits each in a whole number that a particle keeps as a real, 7 in double precision, 4 in single
+  integer, parameter :: most_face_loads = merge(4, 7, wp == sp)
   integer, parameter :: most = 64 !! nodes around a point
 
   !> Gravity, one of possibly several
   type :: gravity_t
-    real(wp) :: acceleration(3) = 0.0_wp !! [m/s2]
+    real(dp) :: acceleration(3) = 0.0_dp !! [m/s2]
     type(time_table_t) :: table
   end type gravity_t
 
   !> A load on particles
   type :: load_t
     integer :: kind = 0
-    real(wp) :: vector(3) = 0.0_wp !! traction [Pa] or force [N]
-    real(wp) :: pressure = 0.0_wp !! [Pa]
+    real(dp) :: vector(3) = 0.0_dp !! traction [Pa] or force [N]
+    real(dp) :: pressure = 0.0_dp !! [Pa]
     integer(i8) :: id = 0 !! the particle that a point force acts on
     integer :: place = 0 !! face loads: which six bits of the particles' face number are its own
     type(time_table_t) :: table
@@ -42,8 +43,8 @@ module gimp_loads
     type(gravity_t), allocatable :: gravity(:)
     type(load_t), allocatable :: load(:)
     integer :: n = 0
-    real(wp), allocatable :: x(:, :) !! (3, point) [cells from the corner of the box]
-    real(wp), allocatable :: f(:, :) !! (3, point) [N]
+    real(dp), allocatable :: x(:, :) !! (3, point) [cells from the corner of the box]
+    real(dp), allocatable :: f(:, :) !! (3, point) [N]
   end type loads_t
 
 contains
@@ -51,10 +52,10 @@ contains
   !> Acceleration of gravity at a time [m/s2]
   pure function gravity_at(loads, time) result(g)
     type(loads_t), intent(in) :: loads
-    real(wp), intent(in) :: time
-    real(wp) :: g(3)
+    real(dp), intent(in) :: time
+    real(dp) :: g(3)
     integer :: k
-    g = 0.0_wp
+    g = 0.0_dp
     if (.not. allocated(loads%gravity)) return
     do k = 1, size(loads%gravity)
       g = g + loads%gravity(k)%acceleration*factor_at(loads%gravity(k)%table, time)
@@ -65,7 +66,7 @@ contains
   subroutine collect_loads(loads, engine, time)
     type(loads_t), intent(inout) :: loads
     type(engine_t), intent(in) :: engine
-    real(wp), intent(in) :: time !! [s]
+    real(dp), intent(in) :: time !! [s]
     logical, allocatable :: loaded(:)
     integer :: g, c, l, k
     integer(i8) :: marks
@@ -122,11 +123,11 @@ contains
   pure function place_of(engine, g, c, l) result(x)
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: g, c, l
-    real(wp) :: x(3)
+    real(dp) :: x(3)
     integer :: k
-    x = 0.0_wp
+    x = 0.0_dp
     do k = 1, engine%grid%dim
-      x(k) = engine%particles%p(l, k, c) + engine%particles%groups(g)%at(k)*engine%grid%edge(k)
+      x(k) = real(engine%particles%p(l, k, c), dp) + engine%particles%groups(g)%at(k)*engine%grid%edge(k)
     end do
   end function place_of
 
@@ -137,14 +138,14 @@ contains
     integer, intent(in) :: g, c, l
     type(load_t), intent(in) :: load
     integer(i8), intent(in) :: faces !! bits x_low, x_high, y_low, ...
-    real(wp), intent(in) :: time
-    real(wp) :: x(3), f(3, 3), r(3, 3), area(3), force(3), side, h
+    real(dp), intent(in) :: time
+    real(dp) :: x(3), f(3, 3), r(3, 3), area(3), force(3), side, h
     integer :: bit, k, d, a, b, q, i, j
     d = engine%grid%dim
     h = engine%grid%spacing
-    f = 0.0_wp
+    f = 0.0_dp
     do i = 1, 3
-      f(i, i) = 1.0_wp
+      f(i, i) = 1.0_dp
     end do
     do i = 1, d
       do j = 1, d
@@ -158,7 +159,7 @@ contains
     do bit = 0, 2*d - 1
       if (.not. btest(faces, bit)) cycle
       k = bit/2 + 1
-      side = merge(-1.0_wp, 1.0_wp, modulo(bit, 2) == 0)
+      side = merge(-1.0_dp, 1.0_dp, modulo(bit, 2) == 0)
       x = place_of(engine, g, c, l) + side*r(:, k)
       a = modulo(k, 3) + 1
       b = modulo(k + 1, 3) + 1
@@ -174,13 +175,13 @@ contains
         call add_point(loads, x, force)
       case (2)
         q = merge(a, b, a <= 2)
-        call add_point(loads, x - r(:, q), 0.5_wp*force)
-        call add_point(loads, x + r(:, q), 0.5_wp*force)
+        call add_point(loads, x - r(:, q), 0.5_dp*force)
+        call add_point(loads, x + r(:, q), 0.5_dp*force)
       case default
-        call add_point(loads, x - r(:, a) - r(:, b), 0.25_wp*force)
-        call add_point(loads, x + r(:, a) - r(:, b), 0.25_wp*force)
-        call add_point(loads, x - r(:, a) + r(:, b), 0.25_wp*force)
-        call add_point(loads, x + r(:, a) + r(:, b), 0.25_wp*force)
+        call add_point(loads, x - r(:, a) - r(:, b), 0.25_dp*force)
+        call add_point(loads, x + r(:, a) - r(:, b), 0.25_dp*force)
+        call add_point(loads, x - r(:, a) + r(:, b), 0.25_dp*force)
+        call add_point(loads, x + r(:, a) + r(:, b), 0.25_dp*force)
       end select
     end do
 
@@ -189,14 +190,14 @@ contains
     !> Full edge of the face along an axis [m]; axes beyond the dimension have unit length
     pure function edge_of(axis) result(edge)
       integer, intent(in) :: axis
-      real(wp) :: edge(3)
+      real(dp) :: edge(3)
       edge = f(:, axis)
-      if (axis <= d) edge = 2.0_wp*h*r(:, axis)
+      if (axis <= d) edge = 2.0_dp*h*r(:, axis)
     end function edge_of
 
     pure function cross(u, v) result(w)
-      real(wp), intent(in) :: u(3), v(3)
-      real(wp) :: w(3)
+      real(dp), intent(in) :: u(3), v(3)
+      real(dp) :: w(3)
       w = [u(2)*v(3) - u(3)*v(2), u(3)*v(1) - u(1)*v(3), u(1)*v(2) - u(2)*v(1)]
     end function cross
 
@@ -212,8 +213,8 @@ contains
 
   subroutine add_point(loads, x, f)
     type(loads_t), intent(inout) :: loads
-    real(wp), intent(in) :: x(3), f(3)
-    real(wp), allocatable :: wider(:, :)
+    real(dp), intent(in) :: x(3), f(3)
+    real(dp), allocatable :: wider(:, :)
     if (loads%n == size(loads%x, 2)) then
       allocate (wider(3, 2*loads%n))
       wider(:, :loads%n) = loads%x
@@ -242,7 +243,7 @@ contains
       call find_nodes(engine, slots, masses, cutoff, loads%x(:, q), n, slot, place, s, sign)
       if (n == 0) lost = lost + 1
       do k = 1, n
-        raw(5:7, place(k), slot(k)) = raw(5:7, place(k), slot(k)) + s(k)*sign(:, k)*loads%f(:, q)
+        raw(5:7, place(k), slot(k)) = raw(5:7, place(k), slot(k)) + real(s(k)*sign(:, k)*loads%f(:, q), wp)
       end do
     end do
   end subroutine add_loads
@@ -252,25 +253,28 @@ contains
   subroutine find_nodes(engine, slots, masses, cutoff, x, n, slot, place, s, sign)
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: slots
-    real(wp), intent(in) :: masses(nf, nodes_per_block, slots), cutoff, x(3)
+    real(wp), intent(in) :: masses(nf, nodes_per_block, slots), cutoff
+    real(dp), intent(in) :: x(3)
     integer, intent(out) :: n, slot(most), place(most)
     real(wp), intent(out) :: s(most), sign(3, most)
     type(weight_list_t) :: list
     type(spline_t) :: spline
     real(wp) :: total, at(3)
-    integer :: i, target(3), block(3), last(3), last_slot
+    integer :: i, home(3), origin(3), target(3), block(3), last(3), last_slot
     logical :: complete
     n = 0
     last = huge(1) ! neighbours in the list mostly share a block: one search for all of them
     last_slot = 0
     total = 0.0_wp
     complete = .true.
-    spline = make_spline(spline_degree(engine%basis), engine%grid, [0, 0, 0])
-    at = x
-    if (spline%open) at = min(max(x, spline%low), spline%high) ! the corner of a domain may lie outside the box
+    home = block_of_node(engine%grid, floor(x)) ! weights are found in the coordinates of a block, as those of particles
+    origin = home*engine%grid%edge
+    spline = make_spline(spline_degree(engine%basis), engine%grid, home)
+    at = real(x - origin, wp)
+    if (spline%open) at = min(max(at, spline%low), spline%high) ! the corner of a domain may lie outside the box
     call make_weight_list(engine%grid%dim, at, [0.0_wp, 0.0_wp, 0.0_wp], spline, list)
     do i = 1, list%n
-      call canonical_node(engine%grid, list%node(:, i), target, sign(:, n + 1))
+      call canonical_node(engine%grid, list%node(:, i) + origin, target, sign(:, n + 1))
       block = block_of_node(engine%grid, target)
       if (any(block /= last)) last_slot = slot_of_node(engine%table, engine%grid, target)
       last = block
@@ -301,15 +305,15 @@ contains
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: slots
     real(wp), intent(in) :: g(nf, nodes_per_block, slots)
-    real(wp), intent(in) :: kick !! step of velocities [s]
+    real(dp), intent(in) :: kick !! step of velocities [s]
     real(wp) :: s(most), sign(3, most)
     integer :: q, k, n, slot(most), place(most)
     work = 0.0_dp
     do q = 1, loads%n
       call find_nodes(engine, slots, g, 0.0_wp, loads%x(:, q), n, slot, place, s, sign)
       do k = 1, n
-        work = work + real(kick*s(k)*sum(sign(:, k)*loads%f(:, q)*(g(1:3, place(k), slot(k)) &
-                                                                   - 0.5_wp*g(5:7, place(k), slot(k)))), dp)
+        work = work + kick*s(k)*sum(sign(:, k)*loads%f(:, q)*(g(1:3, place(k), slot(k)) &
+                                                              - 0.5_wp*g(5:7, place(k), slot(k))))
       end do
     end do
   end function work_of_loads

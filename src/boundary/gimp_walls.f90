@@ -3,7 +3,7 @@
 !> Slip and symmetry hold the normal component; stick and velocity hold all. Where sides meet, slip is applied first, then
 !> whatever holds more. Planes of symmetry and periodic sides also fold their ghosts (see gimp_images).
 module gimp_walls
-  use gimp_kinds, only: wp
+  use gimp_kinds, only: wp, dp
   use gimp_grid, only: grid_t, low_side_node, high_side_node
   use gimp_time_table, only: time_table_t, factor_at
   implicit none(type, external)
@@ -17,7 +17,7 @@ module gimp_walls
   type :: wall_t
     integer :: condition = side_free
     logical :: removes = .false. !! free side: material that leaves is taken out instead of ending the run
-    real(wp) :: velocity(3) = 0.0_wp !! [m/s], condition velocity
+    real(dp) :: velocity(3) = 0.0_dp !! [m/s], condition velocity
     type(time_table_t) :: table
     real(wp) :: now(3) = 0.0_wp !! velocity at the present time [m/s]
   end type wall_t
@@ -71,12 +71,12 @@ contains
   !> Velocity of every moving side at a time
   subroutine move_walls(walls, time)
     type(walls_t), intent(inout) :: walls
-    real(wp), intent(in) :: time !! [s]
+    real(dp), intent(in) :: time !! [s]
     integer :: k, e
     do k = 1, 3
       do e = 1, 2
         if (walls%side(e, k)%condition /= side_velocity) cycle
-        walls%side(e, k)%now = walls%side(e, k)%velocity*factor_at(walls%side(e, k)%table, time)
+        walls%side(e, k)%now = real(walls%side(e, k)%velocity*factor_at(walls%side(e, k)%table, time), wp)
       end do
     end do
   end subroutine move_walls

@@ -1,4 +1,4 @@
-!> 3x3 tensor algebra on chunks of eight lanes: increments of the deformation gradient, products, determinants.
+!> 3x3 tensor algebra on the lanes of a chunk: increments of the deformation gradient, products, determinants.
 !>
 !> Full tensors have nine components row by row (3*(i-1)+j is A_ij), symmetric ones six (xx, yy, zz, xy, yz, zx). Nothing
 !> here traps for a singular tensor: a division by zero is replaced by one by a tiny number, and the caller checks J itself.
@@ -284,7 +284,7 @@ contains
   !> with trigonometric functions does not offer. Sweeps end when every off-diagonal number of the chunk is exactly zero: a
   !> lane that has arrived is only turned by the unit rotation, so no lane depends on its neighbours, and a plane tensor needs
   !> one sweep. In 4 10^6 random tensors of every grading four sweeps were always enough (residual 1.4e-15; three: 3e-5).
-  !> Entries below 1e-150 are too small for the squares in the rotation.
+  !> Entries below the square root of the smallest number are too small for the squares in the rotation.
   pure subroutine eigen_symmetric(s, values, n)
     real(wp), intent(in) :: s(lanes, 6)
     real(wp), intent(out) :: values(lanes, 3)
@@ -400,13 +400,14 @@ contains
     end do
   end subroutine natural_log
 
-  !> x <- exp x, by itself for the same reason; |x| is cut at 700 so that nothing overflows
+  !> x <- exp x, by itself for the same reason; |x| is cut short of ln huge so that nothing overflows
   pure subroutine exponential(x)
     real(wp), intent(inout) :: x(lanes)
+    real(wp), parameter :: most = 0.986_wp*log(huge(1.0_wp)) ! 700 in double precision, 87 in single
     integer :: k
     !$omp simd simdlen(lanes)
     do k = 1, lanes
-      x(k) = exp(min(max(x(k), -700.0_wp), 700.0_wp))
+      x(k) = exp(min(max(x(k), -most), most))
     end do
   end subroutine exponential
 

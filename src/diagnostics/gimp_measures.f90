@@ -14,7 +14,7 @@ module gimp_measures
   use gimp_verification, only: verification_t, exact_motion, exact_stress
   implicit none(type, external)
   private
-  public :: totals_t, errors_t, measure_totals, measure_errors, state_hash, chunk_deformation, chunk_history, chunk_position, chunk_stress
+  public :: totals_t, errors_t, measure_totals, measure_errors, state_hash, chunk_deformation, chunk_history, chunk_position, chunk_reference, chunk_stress
   public :: find_particle, nearest_particle
 
   !> Sums over all particles
@@ -41,13 +41,25 @@ contains
     type(engine_t), intent(in) :: engine
     type(group_t), intent(in) :: group
     integer, intent(in) :: c
-    real(wp), intent(out) :: x(lanes, 3)
+    real(dp), intent(out) :: x(lanes, 3)
     integer :: k
-    x = 0.0_wp
+    x = 0.0_dp
     do k = 1, engine%grid%dim
-      x(:, k) = engine%grid%lower(k) + engine%grid%spacing*(engine%particles%p(:, k, c) + group%at(k)*engine%grid%edge(k))
+      x(:, k) = engine%grid%lower(k) + engine%grid%spacing*(real(engine%particles%p(:, k, c), dp) + group%at(k)*engine%grid%edge(k))
     end do
   end subroutine chunk_position
+
+  !> Positions of a chunk at the start in metres; zero in axes beyond the dimension
+  pure subroutine chunk_reference(engine, c, x)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: c
+    real(dp), intent(out) :: x(lanes, 3)
+    integer :: k
+    x = 0.0_dp
+    do k = 1, engine%grid%dim
+      x(:, k) = engine%grid%lower(k) + engine%grid%spacing*engine%particles%p(:, engine%particles%reference%first + k - 1, c)
+    end do
+  end subroutine chunk_reference
 
   !> Cauchy stress of a chunk [Pa] and its J
   subroutine chunk_stress(engine, group, c, sigma, j)
@@ -95,8 +107,8 @@ contains
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: g
     real(dp), intent(out) :: sums(9), speed
-    real(wp) :: f(lanes, 9), energy(lanes), x(lanes, 3), v(lanes, 3), history(lanes, most_states)
-    real(dp) :: m, mv(3)
+    real(wp) :: f(lanes, 9), energy(lanes), v(lanes, 3), history(lanes, most_states)
+    real(dp) :: x(lanes, 3), m, mv(3)
     integer :: c, l, d
     d = engine%grid%dim
     sums = 0.0_dp
@@ -153,7 +165,7 @@ contains
   subroutine measure_errors(engine, solution, time, velocity_time, errors)
     type(engine_t), intent(in) :: engine
     type(verification_t), intent(in) :: solution
-    real(wp), intent(in) :: time, velocity_time !! [s]
+    real(dp), intent(in) :: time, velocity_time !! [s]
     type(errors_t), intent(out) :: errors
     real(dp), allocatable :: part(:, :), largest(:, :) ! (sum, group): of position, velocity, stress, volume
     real(dp) :: sums(4)
@@ -180,22 +192,20 @@ contains
   subroutine group_errors(engine, solution, time, velocity_time, group, sums, largest)
     type(engine_t), intent(in) :: engine
     type(verification_t), intent(in) :: solution
-    real(wp), intent(in) :: time, velocity_time !! [s]
+    real(dp), intent(in) :: time, velocity_time !! [s]
     type(group_t), intent(in) :: group
     real(dp), intent(out) :: sums(4), largest(3)
-    real(wp) :: x(lanes, 3), reference(lanes, 3), u(lanes, 3), v(lanes, 3), f(lanes, 9), sigma(lanes, 6), exact(lanes, 6)
-    real(wp) :: j(lanes), ignored(lanes, 3)
+    real(wp) :: sigma(lanes, 6), j(lanes)
+    real(dp) :: x(lanes, 3), reference(lanes, 3), u(lanes, 3), v(lanes, 3), f(lanes, 9), exact(lanes, 6), ignored(lanes, 3)
     real(dp) :: e(3), w
-    integer :: c, l, d, q
+    integer :: c, l, d
     d = engine%grid%dim
-    q = engine%particles%reference%first
     sums = 0.0_dp
     largest = 0.0_dp
     associate (particles => engine%particles)
       do c = group%first, group%last
         call chunk_position(engine, group, c, x)
-        reference = 0.0_wp
-        reference(:, :d) = particles%p(:, q:q + d - 1, c)
+        call chunk_reference(engine, c, reference)
         call exact_motion(solution, velocity_time, reference, ignored, v, f)
         call exact_motion(solution, time, reference, u, ignored, f)
         call exact_stress(solution, time, reference, exact)
@@ -203,9 +213,9 @@ contains
         do l = 1, lanes
           if (particles%id(l, c) == 0) cycle
           w = real(particles%p(l, particles%volume%first, c), dp)
-          e(1) = sum(real(x(l, :d) - reference(l, :d) - u(l, :d), dp)**2)
-          e(2) = sum(real(particles%p(l, particles%velocity%first:particles%velocity%first + d - 1, c) - v(l, :d), dp)**2)
-          e(3) = sum(real(sigma(l, :3) - exact(l, :3), dp)**2) + 2.0_dp*sum(real(sigma(l, 4:) - exact(l, 4:), dp)**2)
+          e(1) = sum((x(l, :d) - reference(l, :d) - u(l, :d))**2)
+          e(2) = sum((particles%p(l, particles%velocity%first:particles%velocity%first + d - 1, c) - v(l, :d))**2)
+          e(3) = sum((sigma(l, :3) - exact(l, :3))**2) + 2.0_dp*sum((sigma(l, 4:) - exact(l, 4:))**2)
           sums(:3) = sums(:3) + w*e
           sums(4) = sums(4) + w
           largest = max(largest, e)
@@ -219,7 +229,7 @@ contains
   integer(i8) function state_hash(engine, step, time) result(hash)
     type(engine_t), intent(in) :: engine
     integer(i8), intent(in) :: step
-    real(wp), intent(in) :: time
+    real(dp), intent(in) :: time
     integer(i8) :: h, part
     integer :: g, c, l, f
     part = 0
@@ -243,7 +253,7 @@ contains
       end do
       !$omp end parallel do
     end associate
-    hash = mix_bits(step) + mix_bits(transfer(real(time, dp), 0_i8)) + part
+    hash = mix_bits(step) + mix_bits(transfer(time, 0_i8)) + part
   end function state_hash
 
   !> Chunk and lane of the particle with a number; chunk 0 when it is gone
@@ -275,11 +285,11 @@ contains
   !> The particle nearest to a point, the one with the smallest number where several are equally near; numbers may be limited
   integer(i8) function nearest_particle(engine, point, first, last) result(id)
     type(engine_t), intent(in) :: engine
-    real(wp), intent(in) :: point(:) !! (dim) [m]
+    real(dp), intent(in) :: point(:) !! (dim) [m]
     integer(i8), intent(in) :: first, last !! range of numbers
-    real(wp), allocatable :: distance(:)
+    real(dp), allocatable :: distance(:)
     integer(i8), allocatable :: candidate(:)
-    real(wp) :: nearest
+    real(dp) :: nearest
     integer :: g
     allocate (distance(size(engine%particles%groups)), candidate(size(engine%particles%groups)))
     !$omp parallel do schedule(dynamic, 16) &
@@ -289,7 +299,7 @@ contains
     end do
     !$omp end parallel do
     id = 0
-    nearest = huge(1.0_wp)
+    nearest = huge(1.0_dp)
     do g = 1, size(candidate)
       if (candidate(g) == 0 .or. distance(g) > nearest .or. (distance(g) == nearest .and. candidate(g) > id)) cycle
       nearest = distance(g)
@@ -300,15 +310,15 @@ contains
   subroutine nearest_in_group(engine, group, point, first, last, id, nearest)
     type(engine_t), intent(in) :: engine
     type(group_t), intent(in) :: group
-    real(wp), intent(in) :: point(:)
+    real(dp), intent(in) :: point(:)
     integer(i8), intent(in) :: first, last
     integer(i8), intent(out) :: id
-    real(wp), intent(out) :: nearest !! squared distance [m2]
-    real(wp) :: x(lanes, 3), r2
+    real(dp), intent(out) :: nearest !! squared distance [m2]
+    real(dp) :: x(lanes, 3), r2
     integer :: c, l, d
     d = engine%grid%dim
     id = 0
-    nearest = huge(1.0_wp)
+    nearest = huge(1.0_dp)
     do c = group%first, group%last
       call chunk_position(engine, group, c, x)
       do l = 1, lanes

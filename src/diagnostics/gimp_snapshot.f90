@@ -1,12 +1,12 @@
 !> Fields of all particles in the order of their numbers, as frames show them
 module gimp_snapshot
-  use gimp_kinds, only: wp, i8, lanes
+  use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_material, only: most_states
   use gimp_particles, only: few_chunks
   use gimp_engine, only: engine_t
   use gimp_basis, only: basis_cpgimp
   use gimp_verification, only: verification_t, exact_displacement
-  use gimp_measures, only: chunk_deformation, chunk_history, chunk_position, chunk_stress
+  use gimp_measures, only: chunk_deformation, chunk_history, chunk_position, chunk_reference, chunk_stress
   implicit none(type, external)
   private
   public :: field_components, field_words, needs_reference, rank_particles, sample_positions, sample_field
@@ -78,8 +78,8 @@ contains
   subroutine sample_positions(engine, rank, x)
     type(engine_t), intent(in) :: engine
     integer(i8), intent(in) :: rank(:, :)
-    real(wp), intent(out) :: x(:, :) !! (3, n)
-    real(wp) :: here(lanes, 3)
+    real(dp), intent(out) :: x(:, :) !! (3, n)
+    real(dp) :: here(lanes, 3)
     integer :: g, c, l
     !$omp parallel do schedule(dynamic, 16) private(c, l, here) if(engine%particles%chunks > few_chunks)
     do g = 1, size(engine%particles%groups)
@@ -100,9 +100,9 @@ contains
     integer(i8), intent(in) :: rank(:, :)
     integer(i8), intent(in) :: body_first(:) !! first number of each body, ascending
     type(verification_t), intent(in) :: solution !! used by the field "error" only
-    real(wp), intent(in) :: time !! [s]
-    real(wp), intent(out) :: values(:, :) !! (components, n)
-    real(wp) :: chunk(lanes, 9)
+    real(dp), intent(in) :: time !! [s]
+    real(dp), intent(out) :: values(:, :) !! (components, n)
+    real(dp) :: chunk(lanes, 9)
     integer :: g, c, l, n
     n = field_components(name)
     !$omp parallel do schedule(dynamic, 16) private(c, l, chunk) if(engine%particles%chunks > few_chunks)
@@ -123,17 +123,16 @@ contains
     integer, intent(in) :: g, c
     integer(i8), intent(in) :: body_first(:)
     type(verification_t), intent(in) :: solution
-    real(wp), intent(in) :: time
-    real(wp), intent(out) :: chunk(lanes, 9)
-    real(wp) :: x(lanes, 3), reference(lanes, 3), u(lanes, 3), sigma(lanes, 6), j(lanes), history(lanes, most_states)
+    real(dp), intent(in) :: time
+    real(dp), intent(out) :: chunk(lanes, 9)
+    real(dp) :: x(lanes, 3), reference(lanes, 3), u(lanes, 3)
+    real(wp) :: f(lanes, 9), sigma(lanes, 6), j(lanes), strain(lanes), history(lanes, most_states)
     integer :: d, q, l
     d = engine%grid%dim
-    chunk = 0.0_wp
+    chunk = 0.0_dp
     associate (particles => engine%particles, group => engine%particles%groups(g))
       if (needs_reference(name)) then
-        q = particles%reference%first
-        reference = 0.0_wp
-        reference(:, :d) = particles%p(:, q:q + d - 1, c)
+        call chunk_reference(engine, c, reference)
         call chunk_position(engine, group, c, x)
       end if
       select case (name)
@@ -148,11 +147,12 @@ contains
         q = particles%velocity%first
         chunk(:, :d) = particles%p(:, q:q + d - 1, c)
       case ("deformation_gradient")
-        call chunk_deformation(particles, c, chunk)
+        call chunk_deformation(particles, c, f)
+        chunk = f
       case ("mass")
         chunk(:, 1) = particles%p(:, particles%mass%first, c)
       case ("id")
-        chunk(:, 1) = real(particles%id(:, c), wp)
+        chunk(:, 1) = real(particles%id(:, c), dp)
       case ("material")
         chunk(:, 1) = group%material
       case ("body")
@@ -163,7 +163,8 @@ contains
         call chunk_half_length(engine, c, chunk)
       case ("equivalent_plastic_strain")
         call chunk_history(particles, c, history)
-        call engine%laws(group%material)%law%equivalent_plastic_strain(history, chunk(:, 1))
+        call engine%laws(group%material)%law%equivalent_plastic_strain(history, strain)
+        chunk(:, 1) = strain
       case default
         call chunk_stress(engine, group, c, sigma, j)
         select case (name)
@@ -188,7 +189,7 @@ contains
   pure subroutine chunk_half_length(engine, c, chunk)
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: c
-    real(wp), intent(inout) :: chunk(lanes, 9)
+    real(dp), intent(inout) :: chunk(lanes, 9)
     integer :: k, q
     do k = 1, engine%grid%dim
       chunk(:, k) = engine%particles%uniform_half(k)

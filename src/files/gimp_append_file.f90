@@ -24,7 +24,7 @@ module gimp_append_file
   use, intrinsic :: iso_c_binding, only: c_loc
   use, intrinsic :: iso_fortran_env, only: real32
   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf, ieee_negative_inf, ieee_quiet_nan
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
   use gimp_parcel, only: parcel_t, carry

@@ -2,7 +2,7 @@
 !>
 !> Part of `gimp_append_file`, which decides where the bytes go and when.
 module gimp_append_index
-  use gimp_kinds, only: i8
+  use gimp_common_kinds, only: i8
   use gimp_parcel, only: parcel_t, carry
   use gimp_hdf5_format, only: bytes_t, clear_bytes, element_bytes, undefined_address, put_object, put_group_messages, put_link, &
     put_chunked_messages, put_text_messages, put_attribute, node_width, put_tree_node, tree_node_bytes

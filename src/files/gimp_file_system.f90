@@ -5,7 +5,7 @@
 module gimp_file_system
   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_size_t, c_long, c_ptr, c_null_ptr, c_associated, &
     c_null_char
-  use gimp_kinds, only: i8
+  use gimp_common_kinds, only: i8
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
   implicit none(type, external)

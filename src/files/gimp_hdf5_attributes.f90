@@ -2,7 +2,7 @@
 module gimp_hdf5_attributes
   use, intrinsic :: iso_c_binding, only: c_loc, c_ptr
   use hdf5
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t, raise
   use gimp_hdf5_base, only: hdf5_file_t, has_dataset, exists, object_path, complain, file_type, memory_type
   implicit none(type, external)

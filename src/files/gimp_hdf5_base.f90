@@ -1,7 +1,7 @@
 !> What every part of the HDF5 wrapping needs: an open file, whether something is in it, and how a failure is told
 module gimp_hdf5_base
   use hdf5
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: dp, i8
   use, intrinsic :: iso_fortran_env, only: real32, int32
   use gimp_error, only: error_t, raise
   implicit none(type, external)

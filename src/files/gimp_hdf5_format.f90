@@ -4,7 +4,7 @@
 !> is here: superblock version 2, object headers version 2, compact groups, contiguous and chunked layout, version 1 B-trees.
 !> Any HDF5 library from 1.8 on reads such files. Numbers are little-endian.
 module gimp_hdf5_format
-  use gimp_kinds, only: i8
+  use gimp_common_kinds, only: i8
   implicit none(type, external)
   private
   public :: bytes_t, clear_bytes, put_bytes, put_integer, lookup3

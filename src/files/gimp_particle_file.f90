@@ -4,7 +4,7 @@
 !> `velocity` (n, d), `deformation_gradient` (n, d*d) row by row, `half_length` (n, d), `stress` (n, 6) in the order xx, yy, zz, xy,
 !> yz, zx, `id` (n). SI units. Any kind of real number is accepted; writing is in double precision.
 module gimp_particle_file
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t, raise, add_error
   use gimp_text, only: text_of
   use gimp_file_system, only: rename_file

@@ -4,7 +4,7 @@
 !> in words wherever it is: the library checks few of its own structures and trusts the rest.
 module gimp_sealed_file
   use, intrinsic :: iso_c_binding, only: c_loc
-  use gimp_kinds, only: i8
+  use gimp_common_kinds, only: i8
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
   use gimp_hash_table, only: mix_bits

@@ -200,7 +200,8 @@ contains
     real(wp), intent(in) :: m(n), v(n, 3), force(n, 3)
     real(wp), intent(out) :: w(n, 3)
     real(dp), intent(inout) :: sums(n_node_sums)
-    real(wp) :: f, total, damped, work_f, work_g, work_d, pushed, r(n), kick, mean, gravity, damping
+    real(wp) :: f, total, damped, r(n), kick, mean, gravity, damping
+    real(dp) :: work_f, work_g, work_d, pushed
     integer :: i, k
     kick = step%kick
     damping = step%damping
@@ -210,10 +211,10 @@ contains
       if (m(i) > 0.0_wp) r(i) = 1.0_wp/m(i)
     end do
     do k = 1, 3
-      work_f = 0.0_wp
-      work_g = 0.0_wp
-      work_d = 0.0_wp
-      pushed = 0.0_wp
+      work_f = 0.0_dp
+      work_g = 0.0_dp
+      work_d = 0.0_dp
+      pushed = 0.0_dp
       gravity = step%gravity(k)
       !$omp simd private(f, total, damped, mean) reduction(+:work_f, work_g, work_d, pushed)
       do i = 1, n
@@ -222,15 +223,15 @@ contains
         damped = merge(sign(damping*abs(total), v(i, k)), 0.0_wp, v(i, k) /= 0.0_wp)
         w(i, k) = v(i, k) + kick*(total - damped)*r(i)
         mean = 0.5_wp*(v(i, k) + w(i, k))
-        work_f = work_f + kick*f*mean
-        work_g = work_g + kick*m(i)*gravity*mean
-        work_d = work_d - kick*damped*mean
-        pushed = pushed + kick*(m(i)*gravity - damped)
+        work_f = work_f + real(kick*f*mean, dp)
+        work_g = work_g + real(kick*m(i)*gravity*mean, dp)
+        work_d = work_d - real(kick*damped*mean, dp)
+        pushed = pushed + real(kick*(m(i)*gravity - damped), dp)
       end do
-      sums(book_forces) = sums(book_forces) + real(work_f, dp)
-      sums(book_gravity) = sums(book_gravity) + real(work_g, dp)
-      sums(book_damping) = sums(book_damping) + real(work_d, dp)
-      sums(book_impulse + k - 1) = sums(book_impulse + k - 1) + real(pushed, dp)
+      sums(book_forces) = sums(book_forces) + work_f
+      sums(book_gravity) = sums(book_gravity) + work_g
+      sums(book_damping) = sums(book_damping) + work_d
+      sums(book_impulse + k - 1) = sums(book_impulse + k - 1) + pushed
     end do
   end subroutine kick_nodes
 
@@ -245,18 +246,18 @@ contains
     integer, intent(in) :: n, d
     real(wp), intent(in) :: m(n), v(n, 3), w(n, 3)
     real(dp), intent(inout) :: sums(n_node_sums)
-    real(wp) :: before, after
+    real(dp) :: before, after
     integer :: i, k
     do k = 1, d
-      before = 0.0_wp
-      after = 0.0_wp
+      before = 0.0_dp
+      after = 0.0_dp
       !$omp simd reduction(+:before, after)
       do i = 1, n
-        before = before + 0.5_wp*m(i)*v(i, k)**2
-        after = after + 0.5_wp*m(i)*w(i, k)**2
+        before = before + real(0.5_wp*m(i)*v(i, k)**2, dp)
+        after = after + real(0.5_wp*m(i)*w(i, k)**2, dp)
       end do
-      sums(book_before) = sums(book_before) + real(before, dp)
-      sums(book_after) = sums(book_after) + real(after, dp)
+      sums(book_before) = sums(book_before) + before
+      sums(book_after) = sums(book_after) + after
     end do
   end subroutine book_energy
 

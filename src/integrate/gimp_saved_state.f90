@@ -17,12 +17,12 @@ module gimp_saved_state
 
   !> What a stepper remembers from step to step beside particles and books
   type :: clock_t
-    real(wp) :: time = 0.0_wp !! of positions [s]
+    real(dp) :: time = 0.0_dp !! of positions [s]
     integer(i8) :: step = 0
     integer(i8) :: particle_steps = 0
-    real(wp) :: dt = 0.0_wp, free_dt = 0.0_wp !! last step, and the same before it was shortened for output [s]
-    real(wp) :: kick_before = 0.0_wp !! [s]
-    real(wp) :: rate = 0.0_wp, speed = 0.0_wp, strain_rate = 0.0_wp !! peaks of the last step [m/s], [m/s], [1/s]
+    real(dp) :: dt = 0.0_dp, free_dt = 0.0_dp !! last step, and the same before it was shortened for output [s]
+    real(dp) :: kick_before = 0.0_dp !! [s]
+    real(dp) :: rate = 0.0_dp, speed = 0.0_dp, strain_rate = 0.0_dp !! peaks of the last step [m/s], [m/s], [1/s]
     logical :: sort_now = .false.
     real(dp) :: kinetic_peak = 0.0_dp !! [J]
     real(dp) :: stored = 0.0_dp !! elastic energy [J]
@@ -47,7 +47,8 @@ contains
   pure integer(i8) function saved_bytes(saved)
     type(saved_state_t), intent(in) :: saved
     saved_bytes = 0
-    if (associated(saved%p)) saved_bytes = (size(saved%p, kind=i8) + size(saved%id, kind=i8))*(storage_size(1.0_wp)/8)
+    if (associated(saved%p)) saved_bytes = size(saved%p, kind=i8)*(storage_size(1.0_wp)/8) &
+                                         + size(saved%id, kind=i8)*(storage_size(1_i8)/8)
   end function saved_bytes
 
   !> Copy the particles; groups only where a sort has changed them

@@ -73,7 +73,7 @@ contains
     integer, intent(in) :: check !! check_gershgorin or check_lanczos
     integer, intent(in) :: strains !! what strains the particles: strains_*
     real(wp), intent(in) :: factor !! on lambda
-    real(wp), intent(out) :: dt
+    real(dp), intent(out) :: dt
     type(frozen_t) :: frozen
     real(dp) :: lambda
     call freeze(engine, cutoff, held, frozen)
@@ -84,8 +84,8 @@ contains
       call iterate(engine, walls, frozen, strains, lambda)
     end if
     lambda = lambda*factor
-    dt = huge(1.0_wp)
-    if (lambda > 0.0_dp) dt = real(2.0_dp*engine%grid%spacing/sqrt(lambda), wp)
+    dt = huge(1.0_dp)
+    if (lambda > 0.0_dp) dt = 2.0_dp*engine%grid%spacing/sqrt(lambda)
   end subroutine critical_step
 
   !> Stiffness of the particles and masses of the nodes

@@ -1,6 +1,6 @@
 !> The size of the next step, and which limit set it
 module gimp_step_size
-  use gimp_kinds, only: wp
+  use gimp_kinds, only: dp
   use gimp_stability, only: check_none
   implicit none(type, external)
   private
@@ -14,21 +14,21 @@ module gimp_step_size
   character(len=12), parameter :: words(n_limits) = [character(len=12) :: "prescribed", "courant", "displacement", "strain", &
                                                      "growth", "output", "stability", "redone"]
   integer, parameter :: most_halvings = 6 !! of a step that goes wrong
-  real(wp), parameter :: most_displacement = 0.5_wp !! cells in a step (Berzins 2018)
-  real(wp), parameter :: most_strain = 0.1_wp !! dt |L|
+  real(dp), parameter :: most_displacement = 0.5_dp !! cells in a step (Berzins 2018)
+  real(dp), parameter :: most_strain = 0.1_dp !! dt |L|
 
   !> How time is divided
   type :: time_options_t
-    real(wp) :: end = 0.0_wp !! [s]
+    real(dp) :: end = 0.0_dp !! [s]
     integer :: rule = rule_adaptive
-    real(wp) :: courant = 0.4_wp
-    real(wp) :: step = 0.0_wp !! prescribed step [s]
-    real(wp) :: growth = 1.05_wp !! largest ratio of a step to the one before
-    real(wp) :: smallest = 0.0_wp !! below: the run has failed [s]
+    real(dp) :: courant = 0.4_dp
+    real(dp) :: step = 0.0_dp !! prescribed step [s]
+    real(dp) :: growth = 1.05_dp !! largest ratio of a step to the one before
+    real(dp) :: smallest = 0.0_dp !! below: the run has failed [s]
     integer :: max_steps = 0 !! 0: no limit
     integer :: check = check_none !! how the critical step is found
     integer :: check_every = 100 !! steps
-    real(wp) :: most_of_critical = 0.0_wp !! share of the critical step that a step may take; 0: it is reported only
+    real(dp) :: most_of_critical = 0.0_dp !! share of the critical step that a step may take; 0: it is reported only
     logical :: redo = .false. !! a step that goes wrong is undone and taken again at half the length
   end type time_options_t
 
@@ -45,15 +45,15 @@ contains
   !> limit, and on request a share of the critical step; it is shortened (never lengthened) to meet the next time of interest, evenly over the last three steps.
   pure subroutine next_step(options, spacing, rate, speed, strain_rate, critical, last, until, dt, free, limit)
     type(time_options_t), intent(in) :: options
-    real(wp), intent(in) :: spacing !! [m]
-    real(wp), intent(in) :: rate !! largest wave speed plus particle speed [m/s]
-    real(wp), intent(in) :: speed !! largest particle speed [m/s]
-    real(wp), intent(in) :: strain_rate !! largest norm of the velocity gradient [1/s]
-    real(wp), intent(in) :: critical !! critical step when last checked; huge if it never was [s]
-    real(wp), intent(in) :: last !! unshortened step before; 0 at the start [s]
-    real(wp), intent(in) :: until !! time left to the next time of interest [s]
-    real(wp), intent(out) :: dt !! [s]
-    real(wp), intent(out) :: free !! the step before it was shortened [s]
+    real(dp), intent(in) :: spacing !! [m]
+    real(dp), intent(in) :: rate !! largest wave speed plus particle speed [m/s]
+    real(dp), intent(in) :: speed !! largest particle speed [m/s]
+    real(dp), intent(in) :: strain_rate !! largest norm of the velocity gradient [1/s]
+    real(dp), intent(in) :: critical !! critical step when last checked; huge if it never was [s]
+    real(dp), intent(in) :: last !! unshortened step before; 0 at the start [s]
+    real(dp), intent(in) :: until !! time left to the next time of interest [s]
+    real(dp), intent(out) :: dt !! [s]
+    real(dp), intent(out) :: free !! the step before it was shortened [s]
     integer, intent(out) :: limit
     integer :: n
     if (options%rule /= rule_adaptive) then
@@ -62,7 +62,7 @@ contains
       limit = limit_prescribed
       return
     end if
-    dt = options%courant*spacing/max(rate, tiny(1.0_wp))
+    dt = options%courant*spacing/max(rate, tiny(1.0_dp))
     limit = limit_courant
     if (speed*dt > most_displacement*spacing) then
       dt = most_displacement*spacing/speed
@@ -72,18 +72,18 @@ contains
       dt = most_strain/strain_rate
       limit = limit_strain
     end if
-    if (options%most_of_critical > 0.0_wp .and. dt/critical > options%most_of_critical) then
+    if (options%most_of_critical > 0.0_dp .and. dt/critical > options%most_of_critical) then
       dt = options%most_of_critical*critical
       limit = limit_stability
     end if
-    if (last > 0.0_wp .and. dt > options%growth*last) then
+    if (last > 0.0_dp .and. dt > options%growth*last) then
       dt = options%growth*last
       limit = limit_growth
     end if
     free = dt
-    if (until < 3.0_wp*dt) then
-      n = max(1, ceiling(until/dt - 1.0e-9_wp))
-      if (until/n < dt*(1.0_wp - 1.0e-9_wp)) limit = limit_output
+    if (until < 3.0_dp*dt) then
+      n = max(1, ceiling(until/dt - 1.0e-9_dp))
+      if (until/n < dt*(1.0_dp - 1.0e-9_dp)) limit = limit_output
       dt = until/n
     end if
   end subroutine next_step

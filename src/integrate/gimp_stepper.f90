@@ -58,16 +58,16 @@ module gimp_stepper
     type(walls_t) :: walls
     type(loads_t) :: loads
     type(books_t) :: books
-    real(wp) :: time = 0.0_wp !! of positions [s]
+    real(dp) :: time = 0.0_dp !! of positions [s]
     integer(i8) :: step = 0
-    real(wp) :: dt = 0.0_wp !! of the last step [s]
-    real(wp) :: free_dt = 0.0_wp !! the same before it was shortened to meet a time of interest
+    real(dp) :: dt = 0.0_dp !! of the last step [s]
+    real(dp) :: free_dt = 0.0_dp !! the same before it was shortened to meet a time of interest
     integer :: limit = 1 !! what set dt
-    real(wp) :: critical = huge(1.0_wp), least_critical = huge(1.0_wp) !! critical step when last checked, least of all [s]
-    real(wp) :: critical_share = 0.0_wp !! largest dt/critical of the steps checked
+    real(dp) :: critical = huge(1.0_dp), least_critical = huge(1.0_dp) !! critical step when last checked, least of all [s]
+    real(dp) :: critical_share = 0.0_dp !! largest dt/critical of the steps checked
     integer(i8) :: redone_steps = 0, halvings = 0 !! steps that were undone, and how often in all
-    real(wp) :: rate = 0.0_wp, speed = 0.0_wp, strain_rate = 0.0_wp !! peaks of the last step
-    real(wp) :: kick_before = 0.0_wp !! half of the last step: leap-frog with changing steps
+    real(dp) :: rate = 0.0_dp, speed = 0.0_dp, strain_rate = 0.0_dp !! peaks of the last step
+    real(dp) :: kick_before = 0.0_dp !! half of the last step: leap-frog with changing steps
     real(wp) :: cutoff_mass = 0.0_wp, round_off_mass = 0.0_wp !! [kg]
     integer(i8) :: particle_steps = 0
     real(dp) :: seconds(n_phases) = 0.0_dp
@@ -252,9 +252,9 @@ contains
   !> Choose the next step; `until` is the time left to the next time of interest
   subroutine plan_step(s, until, error)
     type(stepper_t), intent(inout) :: s
-    real(wp), intent(in) :: until !! [s]
+    real(dp), intent(in) :: until !! [s]
     type(error_t), allocatable, intent(out) :: error
-    real(wp) :: last
+    real(dp) :: last
     logical :: checks
     last = s%free_dt
     checks = .false.
@@ -297,7 +297,7 @@ contains
   subroutine take_step(s, error)
     type(stepper_t), intent(inout) :: s
     type(error_t), allocatable, intent(out) :: error
-    real(wp) :: dt
+    real(dp) :: dt
     integer :: k
     if (.not. s%time_options%redo) then
       call advance(s, error)
@@ -309,7 +309,7 @@ contains
       call advance(s, error)
       if (.not. went_wrong(s, allocated(error))) return
       if (k == most_halvings) exit
-      dt = 0.5_wp*s%dt
+      dt = 0.5_dp*s%dt
       call recall_state(s, error)
       if (allocated(error)) return
       s%dt = dt
@@ -376,15 +376,14 @@ contains
     type(stepper_t), intent(inout) :: s
     type(error_t), allocatable, intent(out) :: error
     type(pass_t) :: first, second, last
-    real(dp) :: kinetic
-    real(wp) :: kick
+    real(dp) :: kinetic, kick
 
-    kick = s%kick_before + 0.5_wp*s%dt
+    kick = s%kick_before + 0.5_dp*s%dt
     if (s%step == 0 .and. .not. s%method%half_start) kick = s%dt
     s%books%work_external = 0.0_dp
     s%removed_kinetic = 0.0_dp
-    call move_walls(s%walls, s%time + 0.5_wp*s%dt)
-    first = pass_t(flip=s%method%flip, dt=s%dt, dt_strain=s%dt, kick=kick, time=s%time)
+    call move_walls(s%walls, s%time + 0.5_dp*s%dt)
+    first = pass_t(flip=s%method%flip, dt=real(s%dt, wp), dt_strain=real(s%dt, wp), kick=real(kick, wp), time=s%time)
     last = first
     last%time = s%time + s%dt
 
@@ -408,15 +407,15 @@ contains
       last%velocity = .true.; last%position = .true.
     case (usavg)
       call nodal_stage(s, stage_velocity, kick)
-      first%strain = .true.; first%force = .true.; first%old_weights = .true.; first%dt_strain = 0.5_wp*s%dt
+      first%strain = .true.; first%force = .true.; first%old_weights = .true.; first%dt_strain = real(0.5_dp*s%dt, wp)
       call run_pass(s, first, error)
       if (allocated(error)) return
       call nodal_stage(s, stage_kick, kick)
-      second = pass_t(flip=s%method%flip, kick=kick, velocity=.true., momentum=.true., old_weights=.true.)
+      second = pass_t(flip=s%method%flip, kick=real(kick, wp), velocity=.true., momentum=.true., old_weights=.true.)
       call run_pass(s, second, error)
       if (allocated(error)) return
       call nodal_stage(s, stage_project, kick)
-      last%position = .true.; last%moved_by_second = .true.; last%strain = .true.; last%dt_strain = 0.5_wp*s%dt
+      last%position = .true.; last%moved_by_second = .true.; last%strain = .true.; last%dt_strain = real(0.5_dp*s%dt, wp)
     end select
     call finish_pass(s, last, error)
     if (allocated(error)) return
@@ -427,7 +426,7 @@ contains
     s%step = s%step + 1
     s%time = s%time + s%dt
     if (s%time_options%rule /= 1) s%time = s%step*s%time_options%step
-    s%kick_before = 0.5_wp*s%dt
+    s%kick_before = 0.5_dp*s%dt
     s%particle_steps = s%particle_steps + s%engine%particles%n
     if (s%method%damping == damping_kinetic) call relax(s, kinetic, error)
   end subroutine advance
@@ -435,7 +434,7 @@ contains
   !> The pass that brings particles to the grid for the next step
   pure type(pass_t) function give_pass(s, time)
     type(stepper_t), intent(in) :: s
-    real(wp), intent(in) :: time
+    real(dp), intent(in) :: time
     give_pass%momentum = .true.
     give_pass%force = s%method%scheme == usl .or. s%method%scheme == musl
     give_pass%time = time
@@ -508,14 +507,14 @@ contains
     integer, intent(in) :: b
     type(error_t), allocatable, intent(out) :: error
     character(len=:), allocatable :: where, why
-    real(wp) :: x
+    real(dp) :: x
     integer :: c, l, k
     c = s%engine%fate(2, b)
     l = s%engine%fate(3, b)
     where = ""
     do k = 1, s%engine%grid%dim
       x = s%engine%grid%lower(k) + s%engine%grid%spacing &
-          *(s%engine%particles%p(l, k, c) + s%engine%table%block_at(k, b)*s%engine%grid%edge(k))
+          *(real(s%engine%particles%p(l, k, c), dp) + s%engine%table%block_at(k, b)*s%engine%grid%edge(k))
       if (k > 1) where = where//","
       where = where//" "//text_of(x)
     end do
@@ -568,7 +567,7 @@ contains
     type(stepper_t), intent(inout) :: s
     logical, allocatable, intent(out) :: leaving(:, :)
     logical, allocatable :: marks(:, :), marked(:)
-    real(wp) :: x
+    real(dp) :: x
     integer :: g, c, l, k
     associate (particles => s%engine%particles, grid => s%engine%grid)
       allocate (marks(lanes, particles%chunks), marked(size(particles%groups)), source=.false.)
@@ -578,8 +577,8 @@ contains
           do l = 1, lanes
             if (particles%id(l, c) == 0) cycle
             do k = 1, grid%dim
-              x = particles%p(l, k, c) + particles%groups(g)%at(k)*grid%edge(k)
-              if (s%walls%side(1, k)%removes .and. x < 0.0_wp) marks(l, c) = .true.
+              x = real(particles%p(l, k, c), dp) + particles%groups(g)%at(k)*grid%edge(k)
+              if (s%walls%side(1, k)%removes .and. x < 0.0_dp) marks(l, c) = .true.
               if (s%walls%side(2, k)%removes .and. x > grid%cells(k)) marks(l, c) = .true.
             end do
             marked(g) = marked(g) .or. marks(l, c)
@@ -626,7 +625,7 @@ contains
   subroutine nodal_stage(s, stage, kick)
     type(stepper_t), intent(inout) :: s
     integer, intent(in) :: stage
-    real(wp), intent(in) :: kick
+    real(dp), intent(in) :: kick
     type(node_step_t) :: step
     real(dp), allocatable :: part(:, :) ! (n_node_sums, slot): added in the order of slots
     real(dp) :: sums(n_node_sums), start
@@ -635,7 +634,7 @@ contains
     logical :: loaded, at_once
 
     start = seconds_now()
-    step = node_step_t(stage=stage, kick=kick, gravity=gravity_at(s%loads, s%time), cutoff=s%cutoff_mass, round_off=s%round_off_mass, &
+    step = node_step_t(stage=stage, kick=real(kick, wp), gravity=real(gravity_at(s%loads, s%time), wp), cutoff=s%cutoff_mass, round_off=s%round_off_mass, &
                        pic=1.0_wp - s%method%flip)
     if (s%method%damping == damping_local) step%damping = s%method%damping_factor
     loaded = .false.
@@ -686,7 +685,7 @@ contains
     end associate
     call column_sums(part, sums)
     sums(book_given) = sums(book_given) + s%sums(sum_affine) ! not a field of the nodes
-    call book_stage(s%books, stage, kick, 1.0_wp - s%method%flip, sums)
+    call book_stage(s%books, stage, kick, 1.0_dp - s%method%flip, sums)
     if (has_images(s%engine%grid) .and. (stage == stage_full .or. stage == stage_kick)) call book_images(s, kick)
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
 
@@ -720,7 +719,7 @@ contains
   !> A mirror turns around the normal momentum and force that its images were given, and what they give back: its reaction
   subroutine book_images(s, kick)
     type(stepper_t), intent(inout) :: s
-    real(wp), intent(in) :: kick
+    real(dp), intent(in) :: kick
     real(dp) :: impulse(3), part(3), pic
     integer :: k
     impulse = 0.0_dp
@@ -741,8 +740,8 @@ contains
   pure subroutine book_stage(books, stage, kick, pic, sums)
     type(books_t), intent(inout) :: books
     integer, intent(in) :: stage
-    real(wp), intent(in) :: kick
-    real(wp), intent(in) :: pic !! share of PIC: only so much of the held velocity reaches the particles
+    real(dp), intent(in) :: kick
+    real(dp), intent(in) :: pic !! share of PIC: only so much of the held velocity reaches the particles
     real(dp), intent(in) :: sums(n_node_sums)
     if (stage == stage_full .or. stage == stage_velocity) then
       books%given = sums(book_given)
@@ -788,7 +787,7 @@ contains
     s%books%damping = s%books%damping + kinetic
     s%books%kinetic = 0.0_dp
     s%kinetic_peak = 0.0_dp
-    s%kick_before = 0.0_wp ! leap-frog starts anew with half a kick
+    s%kick_before = 0.0_dp ! leap-frog starts anew with half a kick
     call run_pass(s, give_pass(s, s%time), error)
   end subroutine relax
 

@@ -5,7 +5,7 @@
 !> that would make sqrt(J2) negative. The cone goes through a Mohr-Coulomb surface in plane strain (default), at the outer
 !> (compression) edges or at the inner (extension) edges. Without friction it is a cylinder and has no apex.
 module gimp_drucker_prager
-  use gimp_kinds, only: wp, lanes, pi
+  use gimp_kinds, only: wp, dp, lanes, pi
   use gimp_error, only: error_t
   use gimp_material, only: material_t
   use gimp_material_options, only: material_options_t, set_elasticity, is_set, demand_at_least, demand_within, complain
@@ -37,25 +37,29 @@ contains
     type(error_t), allocatable, intent(out) :: error
     type(drucker_prager_t) :: made
     character(len=32) :: cone
-    real(wp) :: unused, xi, cohesion
+    real(dp) :: eta, xi, cohesion
     cohesion = 0
     if (is_set(options, "cohesion")) then
       cohesion = options%cohesion
-      call demand_at_least(options, "cohesion", 0.0_wp, error)
+      call demand_at_least(options, "cohesion", 0.0_dp, error)
     end if
-    call demand_within(options, "friction_angle", 0.0_wp, 89.0_wp, error)
+    call demand_within(options, "friction_angle", 0.0_dp, 89.0_dp, error)
     if (is_set(options, "dilation_angle")) &
-      call demand_within(options, "dilation_angle", 0.0_wp, max(0.0_wp, options%friction_angle), error)
-    if (cohesion == 0.0_wp .and. options%friction_angle == 0.0_wp) &
+      call demand_within(options, "dilation_angle", 0.0_dp, max(0.0_dp, options%friction_angle), error)
+    if (cohesion == 0.0_dp .and. options%friction_angle == 0.0_dp) &
       call complain(options, "friction_angle", "must be above 0 where cohesion is 0", error)
     cone = options%cone
     if (cone == "") cone = "plane_strain"
     if (.not. (cone == "plane_strain" .or. cone == "outer" .or. cone == "inner")) &
       call complain(options, "cone", "must be plane_strain, outer or inner", error)
     if (.not. allocated(error)) then
-      call cone_slopes(cone, options%friction_angle, made%eta, xi)
-      if (is_set(options, "dilation_angle")) call cone_slopes(cone, options%dilation_angle, made%eta_bar, unused)
-      made%strength = xi*cohesion
+      call cone_slopes(cone, options%friction_angle, eta, xi)
+      made%eta = real(eta, wp)
+      made%strength = real(xi*cohesion, wp)
+      if (is_set(options, "dilation_angle")) then
+        call cone_slopes(cone, options%dilation_angle, eta, xi)
+        made%eta_bar = real(eta, wp)
+      end if
       made%states = plastic_states
     end if
     allocate (material, source=made)
@@ -65,19 +69,19 @@ contains
   !> eta and xi of a cone through the Mohr-Coulomb surface
   pure subroutine cone_slopes(cone, angle, eta, xi)
     character(len=*), intent(in) :: cone !! plane_strain, outer or inner
-    real(wp), intent(in) :: angle !! [degree]
-    real(wp), intent(out) :: eta, xi
-    real(wp) :: s, c, t
+    real(dp), intent(in) :: angle !! [degree]
+    real(dp), intent(out) :: eta, xi
+    real(dp) :: s, c, t
     s = sin(angle*pi/180)
     c = cos(angle*pi/180)
     t = tan(angle*pi/180)
     select case (cone)
     case ("outer")
-      eta = 6*s/(sqrt(3.0_wp)*(3 - s))
-      xi = 6*c/(sqrt(3.0_wp)*(3 - s))
+      eta = 6*s/(sqrt(3.0_dp)*(3 - s))
+      xi = 6*c/(sqrt(3.0_dp)*(3 - s))
     case ("inner")
-      eta = 6*s/(sqrt(3.0_wp)*(3 + s))
-      xi = 6*c/(sqrt(3.0_wp)*(3 + s))
+      eta = 6*s/(sqrt(3.0_dp)*(3 + s))
+      xi = 6*c/(sqrt(3.0_dp)*(3 + s))
     case default
       eta = 3*t/sqrt(9 + 12*t*t)
       xi = 3/sqrt(9 + 12*t*t)

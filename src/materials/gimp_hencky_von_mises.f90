@@ -5,7 +5,7 @@
 !> Hardening: none, sy; linear, sy + H ep; power, sy (1 + ep/e0)^n (Swift).
 !> The return is applied at t = 0 too, so that a body which starts strained starts inside the yield surface.
 module gimp_hencky_von_mises
-  use gimp_kinds, only: wp, lanes
+  use gimp_kinds, only: wp, dp, lanes
   use gimp_error, only: error_t
   use gimp_material, only: material_t
   use gimp_material_options, only: material_options_t, set_elasticity, is_set, need, refuse, demand_above, &
@@ -43,7 +43,7 @@ contains
     type(error_t), allocatable, intent(out) :: error
     type(hencky_von_mises_t) :: made
     logical :: linear, power
-    call demand_above(options, "yield_stress", 0.0_wp, error)
+    call demand_above(options, "yield_stress", 0.0_dp, error)
     linear = options%hardening == "linear"
     power = options%hardening == "power"
     if (.not. (linear .or. power .or. options%hardening == "none" .or. options%hardening == "")) &
@@ -57,18 +57,18 @@ contains
     end if
     if (.not. allocated(error)) then
       made%states = plastic_states
-      made%yield_stress = options%yield_stress
+      made%yield_stress = real(options%yield_stress, wp)
       if (linear .and. is_set(options, "hardening_modulus")) then
-        call demand_at_least(options, "hardening_modulus", 0.0_wp, error)
-        made%modulus = options%hardening_modulus
+        call demand_at_least(options, "hardening_modulus", 0.0_dp, error)
+        made%modulus = real(options%hardening_modulus, wp)
       else if (power) then
-        call demand_above(options, "hardening_strain", 0.0_wp, error)
+        call demand_above(options, "hardening_strain", 0.0_dp, error)
         made%hardening = power_hardening
-        made%strain = options%hardening_strain
+        made%strain = real(options%hardening_strain, wp)
         made%exponent = 1
         if (is_set(options, "hardening_exponent")) then
-          call demand_within(options, "hardening_exponent", 0.0_wp, 1.0_wp, error)
-          made%exponent = options%hardening_exponent
+          call demand_within(options, "hardening_exponent", 0.0_dp, 1.0_dp, error)
+          made%exponent = real(options%hardening_exponent, wp)
         end if
       end if
     end if

@@ -1,6 +1,6 @@
 !> What the scene may say about a material, and the checks the models share.
 module gimp_material_options
-  use gimp_kinds, only: wp
+  use gimp_kinds, only: wp, dp
   use gimp_error, only: error_t, add_error
   use gimp_text, only: text_of, word_in
   use gimp_material, only: material_t
@@ -11,22 +11,22 @@ module gimp_material_options
   public :: set_elasticity, need, refuse, demand_above, demand_at_least, demand_within, complain
 
   !> A number the scene does not give
-  real(wp), parameter :: unset = -huge(1.0_wp)
+  real(dp), parameter :: unset = -huge(1.0_dp)
 
   !> The keys of a material; what stays unset (or blank) was not given
   type :: material_options_t
     character(len=32) :: name = "" !! for messages and output
     character(len=32) :: model = "" !! word of the model table
-    real(wp) :: density = unset !! [kg/m3]
-    real(wp) :: young_modulus = unset !! [Pa]
-    real(wp) :: poisson_ratio = unset
-    real(wp) :: yield_stress = unset !! initial uniaxial yield stress [Pa]
-    real(wp) :: hardening_modulus = unset !! [Pa]; default 0
-    real(wp) :: hardening_exponent = unset !! default 1
-    real(wp) :: hardening_strain = unset
-    real(wp) :: cohesion = unset !! [Pa]; default 0
-    real(wp) :: friction_angle = unset !! [degree]
-    real(wp) :: dilation_angle = unset !! [degree]; default 0
+    real(dp) :: density = unset !! [kg/m3]
+    real(dp) :: young_modulus = unset !! [Pa]
+    real(dp) :: poisson_ratio = unset
+    real(dp) :: yield_stress = unset !! initial uniaxial yield stress [Pa]
+    real(dp) :: hardening_modulus = unset !! [Pa]; default 0
+    real(dp) :: hardening_exponent = unset !! default 1
+    real(dp) :: hardening_strain = unset
+    real(dp) :: cohesion = unset !! [Pa]; default 0
+    real(dp) :: friction_angle = unset !! [degree]
+    real(dp) :: dilation_angle = unset !! [degree]; default 0
     character(len=32) :: hardening = "" !! none (default), linear, power
     character(len=32) :: cone = "" !! plane_strain (default), outer, inner
     character(len=32) :: rate = "" !! hughes_winget (default), jaumann
@@ -41,7 +41,7 @@ module gimp_material_options
 contains
 
   !> A number key by name; `unset` where the scene does not give it or there is no such key
-  pure real(wp) function real_option(options, key)
+  pure real(dp) function real_option(options, key)
     type(material_options_t), intent(in) :: options
     character(len=*), intent(in) :: key
     select case (key)
@@ -93,7 +93,7 @@ contains
   pure subroutine give_real(options, key, value)
     type(material_options_t), intent(inout) :: options
     character(len=*), intent(in) :: key !! one of `real_keys`
-    real(wp), intent(in) :: value
+    real(dp), intent(in) :: value
     select case (key)
     case ("density")
       options%density = value
@@ -147,16 +147,16 @@ contains
     type(material_options_t), intent(in) :: options
     class(material_t), intent(inout) :: material
     type(error_t), allocatable, intent(inout) :: error
-    call demand_above(options, "density", 0.0_wp, error)
-    call demand_above(options, "young_modulus", 0.0_wp, error)
-    if (.not. (options%poisson_ratio > -1.0_wp .and. options%poisson_ratio < 0.5_wp)) &
+    call demand_above(options, "density", 0.0_dp, error)
+    call demand_above(options, "young_modulus", 0.0_dp, error)
+    if (.not. (options%poisson_ratio > -1.0_dp .and. options%poisson_ratio < 0.5_dp)) &
       call complain(options, "poisson_ratio", "must lie between -1 and 0.5, both excluded", error)
     if (allocated(error)) return
     material%name = options%name
     material%model = options%model
-    material%density = options%density
-    material%mu = options%young_modulus/(2*(1 + options%poisson_ratio))
-    material%lambda = options%young_modulus*options%poisson_ratio/((1 + options%poisson_ratio)*(1 - 2*options%poisson_ratio))
+    material%density = real(options%density, wp)
+    material%mu = real(options%young_modulus/(2*(1 + options%poisson_ratio)), wp)
+    material%lambda = real(options%young_modulus*options%poisson_ratio/((1 + options%poisson_ratio)*(1 - 2*options%poisson_ratio)), wp)
   end subroutine set_elasticity
 
   !> Complain about a key that is missing; `reason` says what asks for it
@@ -181,11 +181,11 @@ contains
   subroutine demand_above(options, key, limit, error)
     type(material_options_t), intent(in) :: options
     character(len=*), intent(in) :: key
-    real(wp), intent(in) :: limit
+    real(dp), intent(in) :: limit
     type(error_t), allocatable, intent(inout) :: error
-    real(wp) :: value
+    real(dp) :: value
     value = real_option(options, key)
-    if (value > limit .and. value <= huge(1.0_wp)) return
+    if (value > limit .and. value <= huge(1.0_dp)) return
     call complain(options, key, "must be above "//text_of(limit), error)
   end subroutine demand_above
 
@@ -193,11 +193,11 @@ contains
   subroutine demand_at_least(options, key, limit, error)
     type(material_options_t), intent(in) :: options
     character(len=*), intent(in) :: key
-    real(wp), intent(in) :: limit
+    real(dp), intent(in) :: limit
     type(error_t), allocatable, intent(inout) :: error
-    real(wp) :: value
+    real(dp) :: value
     value = real_option(options, key)
-    if (value >= limit .and. value <= huge(1.0_wp)) return
+    if (value >= limit .and. value <= huge(1.0_dp)) return
     call complain(options, key, "must not be below "//text_of(limit), error)
   end subroutine demand_at_least
 
@@ -205,9 +205,9 @@ contains
   subroutine demand_within(options, key, low, high, error)
     type(material_options_t), intent(in) :: options
     character(len=*), intent(in) :: key
-    real(wp), intent(in) :: low, high
+    real(dp), intent(in) :: low, high
     type(error_t), allocatable, intent(inout) :: error
-    real(wp) :: value
+    real(dp) :: value
     value = real_option(options, key)
     if (value >= low .and. value <= high) return
     call complain(options, key, "must lie between "//text_of(low)//" and "//text_of(high), error)

@@ -4,7 +4,7 @@
 !> A cell is half open, [i, i+1). With open-knot splines a node stores a function of the spline instead (see gimp_splines).
 !> Blocks hold 64 nodes in every dimension: 4x4x4, 8x8 or 64.
 module gimp_grid
-  use gimp_kinds, only: wp, i8
+  use gimp_kinds, only: wp, dp, i8
   implicit none(type, external)
   private
   public :: grid_t, make_grid, block_edge, nodes_per_block, block_key, keys_around, block_at_key, fields_per_node
@@ -18,8 +18,8 @@ module gimp_grid
   !> Box and spacing
   type :: grid_t
     integer :: dim = 0
-    real(wp) :: lower(3) = 0.0_wp !! corner of the box [m]
-    real(wp) :: spacing = 1.0_wp !! edge of a cell [m]
+    real(dp) :: lower(3) = 0.0_dp !! corner of the box [m]
+    real(dp) :: spacing = 1.0_dp !! edge of a cell [m]
     integer :: cells(3) = 1 !! cells of the box along each axis
     integer :: edge(3) = 1 !! nodes along the edges of a block
     logical :: periodic(3) = .false. !! axes that close on themselves
@@ -44,8 +44,8 @@ contains
   !> A grid from its box; the box is a whole number of cells (checked by the scene)
   pure function make_grid(dim, lower, upper, spacing) result(grid)
     integer, intent(in) :: dim
-    real(wp), intent(in) :: lower(:), upper(:) !! [m]
-    real(wp), intent(in) :: spacing !! [m]
+    real(dp), intent(in) :: lower(:), upper(:) !! [m]
+    real(dp), intent(in) :: spacing !! [m]
     type(grid_t) :: grid
     grid%dim = dim
     grid%lower(:dim) = lower(:dim)

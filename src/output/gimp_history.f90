@@ -3,7 +3,7 @@
 !> Rows gather in memory and are committed with `commit_history`, or by themselves when many have gathered. The attribute `rows`
 !> of `/history` is their committed number; columns never differ in length.
 module gimp_history
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
   use gimp_parcel, only: parcel_t, carry

@@ -1,6 +1,6 @@
 !> What a run says about itself: the scene in `/scene`, results and costs as attributes of `/summary`
 module gimp_summary
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t
   use gimp_append_file, only: make_group, put_text, set_attribute
   use gimp_output_file, only: output_file_t

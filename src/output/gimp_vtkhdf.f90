@@ -5,7 +5,7 @@
 !> which work on cells (threshold) apply. What these cells need, 0, 1, 2, ..., is the same in every frame: frames with the same
 !> number of particles share it, and it costs nothing after the first frame.
 module gimp_vtkhdf
-  use gimp_kinds, only: wp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
   use gimp_parcel, only: parcel_t, carry_bits
@@ -127,7 +127,7 @@ contains
   subroutine begin_frame(output, frames, x, error)
     type(output_file_t), intent(inout) :: output
     type(frames_t), intent(inout) :: frames
-    real(wp), intent(in), contiguous :: x(:, :) !! (3, n) [m]; z = 0 in two dimensions
+    real(dp), intent(in), contiguous :: x(:, :) !! (3, n) [m]; z = 0 in two dimensions
     type(error_t), allocatable, intent(out) :: error
     integer(i8) :: before
     if (frames%in_frame) then
@@ -189,7 +189,7 @@ contains
     type(output_file_t), intent(inout) :: output
     type(frames_t), intent(inout) :: frames
     character(len=*), intent(in) :: name
-    real(wp), intent(in), contiguous :: values(:, :) !! (components, n)
+    real(dp), intent(in), contiguous :: values(:, :) !! (components, n)
     type(error_t), allocatable, intent(out) :: error
     integer :: table
     call find_field(output, frames, name, frames%stored, size(values, 1), size(values, 2, kind=i8), table, error)
@@ -200,7 +200,7 @@ contains
     type(output_file_t), intent(inout) :: output
     type(frames_t), intent(inout) :: frames
     character(len=*), intent(in) :: name
-    real(wp), intent(in), contiguous :: values(:) !! (n)
+    real(dp), intent(in), contiguous :: values(:) !! (n)
     type(error_t), allocatable, intent(out) :: error
     integer :: table
     call find_field(output, frames, name, frames%stored, 1, size(values, kind=i8), table, error)
@@ -260,7 +260,7 @@ contains
   subroutine end_frame(output, frames, time, error)
     type(output_file_t), intent(inout) :: output
     type(frames_t), intent(inout) :: frames
-    real(wp), intent(in) :: time !! [s]
+    real(dp), intent(in) :: time !! [s]
     type(error_t), allocatable, intent(out) :: error
     integer(i8) :: cell(4, 1), ids(4, 1)
     integer :: k

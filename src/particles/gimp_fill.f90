@@ -8,7 +8,7 @@
 !> Who owns a point: a later body takes only what no earlier one holds; `subtract` carves all bodies above it in the list,
 !> and what it frees is open to bodies below it.
 module gimp_fill
-  use gimp_kinds, only: wp, i8, pi
+  use gimp_kinds, only: dp, i8, pi
   use gimp_error, only: error_t, add_error
   use gimp_text, only: text_of
   use gimp_shapes, only: shape_t, inside, shape_bounds, check_shape, shape_none, shape_ring, shape_sphere, unbounded
@@ -33,9 +33,9 @@ module gimp_fill
   !> The particles of all bodies, in the order of the bodies
   type :: fill_t
     integer(i8) :: n = 0
-    real(wp), allocatable :: position(:, :) !! (dim, n) absolute [m]
-    real(wp), allocatable :: volume(:) !! (n) [m3; per unit thickness in 2D]
-    real(wp), allocatable :: half_length(:, :) !! (dim, n) [m]; polar: of the square with the area of the sector
+    real(dp), allocatable :: position(:, :) !! (dim, n) absolute [m]
+    real(dp), allocatable :: volume(:) !! (n) [m3; per unit thickness in 2D]
+    real(dp), allocatable :: half_length(:, :) !! (dim, n) [m]; polar: of the square with the area of the sector
     integer, allocatable :: faces(:) !! (n) bit mask: no particle of the same body next to it there; polar fill: 0
     integer(i8), allocatable :: first(:), count(:) !! (bodies) where a body starts, and how many particles it has
   end type fill_t
@@ -45,8 +45,8 @@ module gimp_fill
     integer :: dim = 0
     integer :: first(3) = 1, last(3) = 1 !! may include one layer outside the grid box, to notice what sticks out
     integer :: points(3) = 1 !! points of the whole grid box along each axis
-    real(wp) :: x(3) = 0.0_wp !! lower corner of the grid box [m]
-    real(wp) :: spacing = 0.0_wp !! of the background grid [m]
+    real(dp) :: x(3) = 0.0_dp !! lower corner of the grid box [m]
+    real(dp) :: spacing = 0.0_dp !! of the background grid [m]
     integer :: per_axis(3) = 1 !! particles per cell
   end type lattice_t
 
@@ -55,8 +55,8 @@ contains
   !> Fill all bodies; tells every mistake at once
   subroutine fill_bodies(dim, lower, spacing, cells, bodies, result, error)
     integer, intent(in) :: dim
-    real(wp), intent(in) :: lower(3) !! lower corner of the grid box [m]
-    real(wp), intent(in) :: spacing !! of the background grid [m]
+    real(dp), intent(in) :: lower(3) !! lower corner of the grid box [m]
+    real(dp), intent(in) :: spacing !! of the background grid [m]
     integer, intent(in) :: cells(3) !! of the grid box along each axis
     type(fill_body_t), intent(in) :: bodies(:)
     type(fill_t), intent(out) :: result
@@ -98,9 +98,9 @@ contains
   pure subroutine lay_lattice(body, dim, lower, spacing, cells, lattice)
     type(fill_body_t), intent(in) :: body
     integer, intent(in) :: dim, cells(3)
-    real(wp), intent(in) :: lower(3), spacing
+    real(dp), intent(in) :: lower(3), spacing
     type(lattice_t), intent(out) :: lattice
-    real(wp) :: low(3), high(3), step
+    real(dp) :: low(3), high(3), step
     integer :: d
     call shape_bounds(body%shape, dim, low, high)
     lattice%dim = dim
@@ -119,12 +119,12 @@ contains
   end subroutine lay_lattice
 
   !> Coordinate of a lattice point
-  pure real(wp) function coordinate(lattice, d, i) result(x)
+  pure real(dp) function coordinate(lattice, d, i) result(x)
     type(lattice_t), intent(in) :: lattice
     integer, intent(in) :: d, i !! axis, number of the point from 1 at the lower end of the grid box
     integer :: cell
     cell = (i - 1 + lattice%per_axis(d))/lattice%per_axis(d) - 1 ! rounds down also for the layer outside
-    x = lattice%x(d) + (cell + (i - cell*lattice%per_axis(d) - 0.5_wp)/lattice%per_axis(d))*lattice%spacing
+    x = lattice%x(d) + (cell + (i - cell*lattice%per_axis(d) - 0.5_dp)/lattice%per_axis(d))*lattice%spacing
   end function coordinate
 
   !> Which points of one plane belong to the body; points outside the grid box only set bits of `outside`
@@ -136,8 +136,8 @@ contains
     logical(1), intent(inout) :: belongs(lattice%first(3) - 1:, lattice%first(2) - 1:) !! false on entry
     integer, intent(inout) :: outside
     integer :: at(3), j, k, d
-    real(wp) :: x(3)
-    x = 0.0_wp
+    real(dp) :: x(3)
+    x = 0.0_dp
     x(1) = coordinate(lattice, 1, i)
     do j = lattice%first(2), lattice%last(2)
       if (lattice%dim > 1) x(2) = coordinate(lattice, 2, j)
@@ -169,7 +169,7 @@ contains
   pure logical function owns(bodies, b, rivals, dim, x)
     type(fill_body_t), intent(in) :: bodies(:)
     integer, intent(in) :: b, rivals(:), dim
-    real(wp), intent(in) :: x(3)
+    real(dp), intent(in) :: x(3)
     logical :: taken
     integer :: r, a
     owns = inside(bodies(b)%shape, dim, x)
@@ -195,7 +195,7 @@ contains
     type(fill_body_t), intent(in) :: bodies(:)
     integer, intent(in) :: b, dim
     integer, allocatable, intent(out) :: rivals(:)
-    real(wp) :: low(3), high(3), other_low(3), other_high(3)
+    real(dp) :: low(3), high(3), other_low(3), other_high(3)
     integer :: a
     allocate (rivals(0))
     call shape_bounds(bodies(b)%shape, dim, low, high)
@@ -211,26 +211,26 @@ contains
   pure subroutine fill_polar(bodies, b, rivals, lower, upper, fill, result, n, outside)
     type(fill_body_t), intent(in) :: bodies(:)
     integer, intent(in) :: b, rivals(:)
-    real(wp), intent(in) :: lower(3), upper(3) !! corners of the grid box [m]
+    real(dp), intent(in) :: lower(3), upper(3) !! corners of the grid box [m]
     logical, intent(in) :: fill
     type(fill_t), intent(inout) :: result
     integer(i8), intent(inout) :: n
     integer, intent(inout) :: outside
-    real(wp) :: inner, outer, r, angle, width, opening, x(3)
+    real(dp) :: inner, outer, r, angle, width, opening, x(3)
     integer :: i, j, d
-    inner = 0.0_wp
+    inner = 0.0_dp
     outer = bodies(b)%shape%radius
     if (bodies(b)%shape%kind == shape_ring) then
       inner = bodies(b)%shape%inner_radius
       outer = bodies(b)%shape%outer_radius
     end if
     width = (outer - inner)/bodies(b)%radial_particles
-    opening = 2.0_wp*pi/bodies(b)%angular_particles
-    x = 0.0_wp
+    opening = 2.0_dp*pi/bodies(b)%angular_particles
+    x = 0.0_dp
     do i = 1, bodies(b)%radial_particles
-      r = inner + (i - 0.5_wp)*width
+      r = inner + (i - 0.5_dp)*width
       do j = 1, bodies(b)%angular_particles
-        angle = (j - 0.5_wp)*opening
+        angle = (j - 0.5_dp)*opening
         x(1:2) = bodies(b)%shape%center(1:2) + r*[cos(angle), sin(angle)]
         if (.not. owns(bodies, b, rivals, 2, x)) cycle
         do d = 1, 2
@@ -241,7 +241,7 @@ contains
         if (.not. fill) cycle
         result%position(:, n) = x(1:2)
         result%volume(n) = r*width*opening ! (r2^2 - r1^2)/2 dtheta for the mid radius r
-        result%half_length(:, n) = 0.5_wp*sqrt(result%volume(n))
+        result%half_length(:, n) = 0.5_dp*sqrt(result%volume(n))
         result%faces(n) = 0
       end do
     end do
@@ -270,11 +270,11 @@ contains
     type(fill_body_t), intent(in) :: body
     integer, intent(in) :: b, dim
     integer(i8), intent(in) :: count
-    real(wp), intent(in) :: lower(3), upper(3) !! corners of the grid box [m]
+    real(dp), intent(in) :: lower(3), upper(3) !! corners of the grid box [m]
     integer, intent(in) :: outside
     type(error_t), allocatable, intent(inout) :: error
     character(len=:), allocatable :: sides
-    real(wp) :: low(3), high(3)
+    real(dp) :: low(3), high(3)
     integer :: k
     call shape_bounds(body%shape, dim, low, high)
     if (any(low(:dim) >= upper(:dim) .or. high(:dim) <= lower(:dim))) then
@@ -312,11 +312,11 @@ contains
     integer, intent(inout) :: outside !! bit mask of the sides where the body sticks out of the grid box
     logical(1), allocatable :: before(:, :), here(:, :), after(:, :) !! (last axis, second axis), with a rim of nothing
     integer :: i, j, k, faces
-    real(wp) :: volume, half(3)
+    real(dp) :: volume, half(3)
 
     if (any(lattice%last < lattice%first)) return
-    half = 0.5_wp*lattice%spacing/lattice%per_axis
-    volume = product(2.0_wp*half(:lattice%dim))
+    half = 0.5_dp*lattice%spacing/lattice%per_axis
+    volume = product(2.0_dp*half(:lattice%dim))
     allocate (before(lattice%first(3) - 1:lattice%last(3) + 1, lattice%first(2) - 1:lattice%last(2) + 1), source=.false._1)
     here = before
     after = before

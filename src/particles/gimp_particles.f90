@@ -40,7 +40,7 @@ module gimp_particles
     type(field_t) :: position, velocity, deformation, mass, volume !! always stored, in this order
     type(field_t) :: half_length !! initial half lengths in cells, when they differ between particles
     type(field_t) :: domain !! present half lengths in cells (cpgimp)
-    type(field_t) :: reference !! position at the start [m]
+    type(field_t) :: reference !! position at the start, from the corner of the box [cells]
     type(field_t) :: force !! external force on the particle [N]
     type(field_t) :: faces !! bit mask of loaded faces, as a whole number
     type(field_t) :: affine !! velocity gradient that the particle carries (apic, tpic), row by row [1/s]

@@ -8,7 +8,7 @@
 !> - cut: a point on the plane stays.
 !> "Exactly" includes `slack`, 1e-12 of the largest coordinate or length of the shape.
 module gimp_shapes
-  use gimp_kinds, only: wp, pi
+  use gimp_kinds, only: dp, pi
   use gimp_error, only: error_t, add_error
   use gimp_text, only: text_of
   implicit none(type, external)
@@ -20,22 +20,22 @@ module gimp_shapes
   character(len=*), parameter :: shape_words = "box sphere cylinder ring polygon file"
   integer, parameter :: shape_box = 1, shape_sphere = 2, shape_cylinder = 3, shape_ring = 4, shape_polygon = 5, shape_none = 6
 
-  real(wp), parameter :: unbounded = huge(1.0_wp) !! magnitude of a height limit that is not given
-  real(wp), parameter :: slack = 1.0e-12_wp !! relative; far above round-off, far below any spacing
+  real(dp), parameter :: unbounded = huge(1.0_dp) !! magnitude of a height limit that is not given
+  real(dp), parameter :: slack = 1.0e-12_dp !! relative; far above round-off, far below any spacing
 
   !> A region of space; which components are read depends on `kind`
   type :: shape_t
     integer :: kind = shape_none
-    real(wp) :: lower(3) = 0.0_wp, upper(3) = 0.0_wp !! box [m]
-    real(wp) :: center(3) = 0.0_wp !! sphere, cylinder, ring [m]
-    real(wp) :: radius = 0.0_wp !! sphere, cylinder [m]
-    real(wp) :: inner_radius = 0.0_wp, outer_radius = 0.0_wp !! ring [m]
+    real(dp) :: lower(3) = 0.0_dp, upper(3) = 0.0_dp !! box [m]
+    real(dp) :: center(3) = 0.0_dp !! sphere, cylinder, ring [m]
+    real(dp) :: radius = 0.0_dp !! sphere, cylinder [m]
+    real(dp) :: inner_radius = 0.0_dp, outer_radius = 0.0_dp !! ring [m]
     integer :: axis = 3 !! cylinder and ring in 3D: 1, 2, 3 for x, y, z
-    real(wp) :: axis_lower = -unbounded, axis_upper = unbounded !! their height range, absolute [m]
-    real(wp), allocatable :: vertices(:, :) !! polygon: (2, vertices), either sense, not closed by a repeated vertex [m]
+    real(dp) :: axis_lower = -unbounded, axis_upper = unbounded !! their height range, absolute [m]
+    real(dp), allocatable :: vertices(:, :) !! polygon: (2, vertices), either sense, not closed by a repeated vertex [m]
     integer :: cuts = 0 !! half spaces taken away, at most 4
-    real(wp) :: cut_point(3, 4) = 0.0_wp !! a point on each cutting plane [m]
-    real(wp) :: cut_normal(3, 4) = 0.0_wp !! points to the side that is taken away, any length
+    real(dp) :: cut_point(3, 4) = 0.0_dp !! a point on each cutting plane [m]
+    real(dp) :: cut_normal(3, 4) = 0.0_dp !! points to the side that is taken away, any length
   end type shape_t
 
 contains
@@ -44,9 +44,9 @@ contains
   pure logical function inside(shape, dim, x)
     type(shape_t), intent(in) :: shape
     integer, intent(in) :: dim
-    real(wp), intent(in) :: x(3) !! [m]
+    real(dp), intent(in) :: x(3) !! [m]
     integer :: c
-    real(wp) :: r, tolerance
+    real(dp) :: r, tolerance
     inside = .false.
     select case (shape%kind)
     case (shape_box)
@@ -76,8 +76,8 @@ contains
 
   !> lower <= x < upper, both shifted down by the slack
   elemental logical function in_range(x, lower, upper)
-    real(wp), intent(in) :: x, lower, upper
-    real(wp) :: shift
+    real(dp), intent(in) :: x, lower, upper
+    real(dp) :: shift
     shift = abs(x)
     if (lower > -unbounded) shift = max(shift, abs(lower))
     if (upper < unbounded) shift = max(shift, abs(upper))
@@ -89,10 +89,10 @@ contains
   pure subroutine measure_distance(shape, dim, x, r, tolerance)
     type(shape_t), intent(in) :: shape
     integer, intent(in) :: dim
-    real(wp), intent(in) :: x(3)
-    real(wp), intent(out) :: r, tolerance
+    real(dp), intent(in) :: x(3)
+    real(dp), intent(out) :: r, tolerance
     integer :: d
-    r = 0.0_wp
+    r = 0.0_dp
     tolerance = max(shape%radius, shape%outer_radius)
     do d = 1, dim
       if (dim == 3 .and. d == shape%axis .and. shape%kind /= shape_sphere) cycle
@@ -107,8 +107,8 @@ contains
   pure logical function beyond_cut(shape, c, dim, x)
     type(shape_t), intent(in) :: shape
     integer, intent(in) :: c, dim
-    real(wp), intent(in) :: x(3)
-    real(wp) :: distance, size
+    real(dp), intent(in) :: x(3)
+    real(dp) :: distance, size
     distance = dot_product(x(:dim) - shape%cut_point(:dim, c), shape%cut_normal(:dim, c))
     size = maxval(abs(x(:dim))) + maxval(abs(shape%cut_point(:dim, c)))
     beyond_cut = distance > slack*size*norm2(shape%cut_normal(:dim, c))
@@ -119,7 +119,7 @@ contains
   !> An edge takes part for y_low <= y < y_high and is always computed from its lower end, so that two polygons which share
   !> the edge find the same crossing, to the bit.
   pure logical function in_polygon(vertices, x)
-    real(wp), intent(in) :: vertices(:, :), x(3)
+    real(dp), intent(in) :: vertices(:, :), x(3)
     integer :: k, low, high
     logical :: this_below, next_below
     in_polygon = .false.
@@ -141,13 +141,13 @@ contains
   end function in_polygon
 
   !> Volume [m3], area in 2D [m2], length in 1D [m]; -1 where there is no closed form (cuts, unlimited height, no shape)
-  pure real(wp) function shape_volume(shape, dim) result(volume)
+  pure real(dp) function shape_volume(shape, dim) result(volume)
     type(shape_t), intent(in) :: shape
     integer, intent(in) :: dim
-    real(wp) :: height
-    volume = -1.0_wp
+    real(dp) :: height
+    volume = -1.0_dp
     if (shape%cuts > 0) return
-    height = 1.0_wp
+    height = 1.0_dp
     if (dim == 3 .and. (shape%kind == shape_cylinder .or. shape%kind == shape_ring)) then
       if (shape%axis_lower <= -unbounded .or. shape%axis_upper >= unbounded) return
       height = shape%axis_upper - shape%axis_lower
@@ -156,9 +156,9 @@ contains
     case (shape_box)
       volume = product(shape%upper(:dim) - shape%lower(:dim))
     case (shape_sphere)
-      if (dim == 1) volume = 2.0_wp*shape%radius
+      if (dim == 1) volume = 2.0_dp*shape%radius
       if (dim == 2) volume = pi*shape%radius**2
-      if (dim == 3) volume = 4.0_wp*pi/3.0_wp*shape%radius**3
+      if (dim == 3) volume = 4.0_dp*pi/3.0_dp*shape%radius**3
     case (shape_cylinder)
       volume = pi*shape%radius**2*height
     case (shape_ring)
@@ -169,15 +169,15 @@ contains
   end function shape_volume
 
   !> Area of a polygon, positive when its vertices run counter-clockwise
-  pure real(wp) function signed_area(vertices) result(area)
-    real(wp), intent(in) :: vertices(:, :)
-    real(wp) :: a(2), b(2)
+  pure real(dp) function signed_area(vertices) result(area)
+    real(dp), intent(in) :: vertices(:, :)
+    real(dp) :: a(2), b(2)
     integer :: k
-    area = 0.0_wp
+    area = 0.0_dp
     do k = 1, size(vertices, 2) ! about the first vertex, so that a far origin costs no digits
       a = vertices(:, k) - vertices(:, 1)
       b = vertices(:, modulo(k, size(vertices, 2)) + 1) - vertices(:, 1)
-      area = area + 0.5_wp*(a(1)*b(2) - a(2)*b(1))
+      area = area + 0.5_dp*(a(1)*b(2) - a(2)*b(1))
     end do
   end function signed_area
 
@@ -185,13 +185,13 @@ contains
   pure function shape_center(shape, dim) result(center)
     type(shape_t), intent(in) :: shape
     integer, intent(in) :: dim
-    real(wp) :: center(3)
-    real(wp) :: a(2), b(2), cross
+    real(dp) :: center(3)
+    real(dp) :: a(2), b(2), cross
     integer :: k
-    center = 0.0_wp
+    center = 0.0_dp
     select case (shape%kind)
     case (shape_box)
-      center(:dim) = 0.5_wp*(shape%lower(:dim) + shape%upper(:dim))
+      center(:dim) = 0.5_dp*(shape%lower(:dim) + shape%upper(:dim))
     case (shape_polygon)
       do k = 1, size(shape%vertices, 2)
         a = shape%vertices(:, k) - shape%vertices(:, 1)
@@ -199,13 +199,13 @@ contains
         cross = a(1)*b(2) - a(2)*b(1)
         center(1:2) = center(1:2) + (a + b)*cross
       end do
-      center(1:2) = shape%vertices(:, 1) + center(1:2)/(6.0_wp*signed_area(shape%vertices))
+      center(1:2) = shape%vertices(:, 1) + center(1:2)/(6.0_dp*signed_area(shape%vertices))
     case (shape_none)
       continue
     case default
       center(:dim) = shape%center(:dim)
       if (dim == 3 .and. shape%kind /= shape_sphere .and. shape%axis_lower > -unbounded .and. shape%axis_upper < unbounded) &
-        center(shape%axis) = 0.5_wp*(shape%axis_lower + shape%axis_upper)
+        center(shape%axis) = 0.5_dp*(shape%axis_lower + shape%axis_upper)
     end select
   end function shape_center
 
@@ -213,10 +213,10 @@ contains
   pure subroutine shape_bounds(shape, dim, lower, upper)
     type(shape_t), intent(in) :: shape
     integer, intent(in) :: dim
-    real(wp), intent(out) :: lower(3), upper(3)
-    real(wp) :: radius
-    lower = 0.0_wp
-    upper = 0.0_wp
+    real(dp), intent(out) :: lower(3), upper(3)
+    real(dp) :: radius
+    lower = 0.0_dp
+    upper = 0.0_dp
     select case (shape%kind)
     case (shape_box)
       lower(:dim) = shape%lower(:dim)
@@ -250,10 +250,10 @@ contains
       if (.not. all(shape%upper(:dim) > shape%lower(:dim))) &
         call add_error(error, where//": upper must be above lower along every axis")
     case (shape_sphere, shape_cylinder)
-      if (.not. shape%radius > 0.0_wp) &
+      if (.not. shape%radius > 0.0_dp) &
         call add_error(error, where//": radius = "//text_of(shape%radius)//" m; must be above 0")
     case (shape_ring)
-      if (.not. (shape%inner_radius >= 0.0_wp .and. shape%outer_radius > shape%inner_radius)) call add_error(error, where// &
+      if (.not. (shape%inner_radius >= 0.0_dp .and. shape%outer_radius > shape%inner_radius)) call add_error(error, where// &
         ": inner_radius = "//text_of(shape%inner_radius)//" m, outer_radius = "//text_of(shape%outer_radius) &
         //" m; must be 0 <= inner_radius < outer_radius")
     case (shape_polygon)
@@ -265,7 +265,7 @@ contains
         call add_error(error, where//": axis_upper must be above axis_lower")
     end if
     do c = 1, shape%cuts
-      if (.not. any(abs(shape%cut_normal(:dim, c)) > 0.0_wp)) &
+      if (.not. any(abs(shape%cut_normal(:dim, c)) > 0.0_dp)) &
         call add_error(error, where//": cut_normal of cut "//text_of(c)//" is zero; must point to the side taken away")
     end do
   end subroutine check_shape
@@ -292,28 +292,28 @@ contains
         return
       end do
     end do
-    if (.not. abs(signed_area(shape%vertices)) > 0.0_wp) call add_error(error, where//": the polygon has no area")
+    if (.not. abs(signed_area(shape%vertices)) > 0.0_dp) call add_error(error, where//": the polygon has no area")
   end subroutine check_polygon
 
   !> Do the edges after vertices i and j cross properly? Edges that only touch do not.
   pure logical function edges_cross(vertices, i, j)
-    real(wp), intent(in) :: vertices(:, :)
+    real(dp), intent(in) :: vertices(:, :)
     integer, intent(in) :: i, j
-    real(wp) :: a(2), b(2), c(2), d(2)
+    real(dp) :: a(2), b(2), c(2), d(2)
     a = vertices(:, i)
     b = vertices(:, modulo(i, size(vertices, 2)) + 1)
     c = vertices(:, j)
     d = vertices(:, modulo(j, size(vertices, 2)) + 1)
-    edges_cross = turn(a, b, c)*turn(a, b, d) < 0.0_wp .and. turn(c, d, a)*turn(c, d, b) < 0.0_wp
+    edges_cross = turn(a, b, c)*turn(a, b, d) < 0.0_dp .and. turn(c, d, a)*turn(c, d, b) < 0.0_dp
   end function edges_cross
 
   !> 1 when a, b, c turn left, -1 when right, 0 when they lie on a line
-  pure real(wp) function turn(a, b, c)
-    real(wp), intent(in) :: a(2), b(2), c(2)
-    real(wp) :: cross
+  pure real(dp) function turn(a, b, c)
+    real(dp), intent(in) :: a(2), b(2), c(2)
+    real(dp) :: cross
     cross = (b(1) - a(1))*(c(2) - a(2)) - (b(2) - a(2))*(c(1) - a(1))
-    turn = 0.0_wp
-    if (abs(cross) > 0.0_wp) turn = sign(1.0_wp, cross)
+    turn = 0.0_dp
+    if (abs(cross) > 0.0_dp) turn = sign(1.0_dp, cross)
   end function turn
 
 end module gimp_shapes

@@ -2,7 +2,7 @@
 !>
 !> A value that is missing or already found wrong is left alone here: one slip, one message.
 module gimp_scene_checks
-  use gimp_kinds, only: wp
+  use gimp_common_kinds, only: dp
   use gimp_text, only: text_of
   use gimp_scene_mistakes, only: mistakes_t, suggestion
   use gimp_scene_store, only: scene_t, count_groups, find_key, is_given, is_read, has_value, line_of, note_key, &
@@ -52,7 +52,7 @@ contains
   pure subroutine check_grid(scene, mistakes)
     type(scene_t), intent(in) :: scene
     type(mistakes_t), intent(inout) :: mistakes
-    real(wp) :: lower(3), upper(3), edge, spacing
+    real(dp) :: lower(3), upper(3), edge, spacing
     character(len=:), allocatable :: what
     integer :: d
     if (scene%dimension == 0 .or. count_groups(scene, "grid") == 0) return
@@ -64,11 +64,11 @@ contains
     spacing = real_of(scene, "grid", 1, "spacing")
     do d = 1, scene%dimension
       edge = upper(d) - lower(d)
-      if (edge <= 0.0_wp) cycle ! told by check_corners
+      if (edge <= 0.0_dp) cycle ! told by check_corners
       what = ""
-      if (spacing < 1.0e-9_wp*edge) then
+      if (spacing < 1.0e-9_dp*edge) then
         what = "cuts the box into more than a billion cells along "//axis_name(d)
-      else if (abs(edge/spacing - anint(edge/spacing)) > 1.0e-6_wp .or. edge < 0.5_wp*spacing) then
+      else if (abs(edge/spacing - anint(edge/spacing)) > 1.0e-6_dp .or. edge < 0.5_dp*spacing) then
         what = "does not divide the box along "//axis_name(d)//": "//text_of(edge, 9)//" m are "// &
           text_of(edge/spacing, 9)//" cells; a whole number is wanted"
       end if
@@ -82,7 +82,7 @@ contains
     character(len=*), intent(in) :: group
     integer, intent(in) :: which
     type(mistakes_t), intent(inout) :: mistakes
-    real(wp) :: lower(3), upper(3)
+    real(dp) :: lower(3), upper(3)
     integer :: d
     if (scene%dimension == 0) return
     if (.not. (usable(scene, group, which, "lower") .and. usable(scene, group, which, "upper"))) return
@@ -206,7 +206,7 @@ contains
     integer, intent(in) :: b
     type(mistakes_t), intent(inout) :: mistakes
     character(len=:), allocatable :: shape
-    real(wp), allocatable :: points(:)
+    real(dp), allocatable :: points(:)
     if (.not. usable(scene, "body", b, "shape") .or. scene%dimension == 0) return
     shape = word_of(scene, "body", b, "shape")
     select case (shape)
@@ -241,7 +241,7 @@ contains
     type(scene_t), intent(in) :: scene
     integer, intent(in) :: b
     type(mistakes_t), intent(inout) :: mistakes
-    real(wp), allocatable :: normal(:)
+    real(dp), allocatable :: normal(:)
     logical :: with_point, with_normal
     integer :: k, d, n_points
     with_point = is_given(scene, "body", b, "cut_point")
@@ -252,7 +252,7 @@ contains
     d = scene%dimension
     allocate (normal, source=reals_of(scene, "body", b, "cut_normal"))
     do k = 1, size(normal)/d
-      if (maxval(abs(normal((k - 1)*d + 1:k*d))) > 0.0_wp) cycle
+      if (maxval(abs(normal((k - 1)*d + 1:k*d))) > 0.0_dp) cycle
       call note_key(mistakes, scene, "body", b, "cut_normal", "normal "//text_of(k)//" has no length")
     end do
     if (.not. usable(scene, "body", b, "cut_point")) return
@@ -263,7 +263,7 @@ contains
 
   !> What is wrong with the corners x1,y1, x2,y2, ... of a polygon; empty if nothing is
   pure function polygon_fault(points) result(what)
-    real(wp), intent(in) :: points(:)
+    real(dp), intent(in) :: points(:)
     character(len=:), allocatable :: what
     integer :: n, i, j
     what = ""
@@ -287,42 +287,42 @@ contains
         return
       end do
     end do
-    if (all([(turn(corner(1), corner(2), corner(i)), i=3, n)] == 0.0_wp)) what = "all corners lie on one line"
+    if (all([(turn(corner(1), corner(2), corner(i)), i=3, n)] == 0.0_dp)) what = "all corners lie on one line"
   contains
     pure function corner(k)
       integer, intent(in) :: k
-      real(wp) :: corner(2)
+      real(dp) :: corner(2)
       corner = points(2*k - 1:2*k)
     end function corner
   end function polygon_fault
 
   !> Whether the straight edges a-b and c-d have a point in common
   pure logical function edges_meet(a, b, c, d)
-    real(wp), intent(in) :: a(2), b(2), c(2), d(2)
-    real(wp) :: c_side, d_side, a_side, b_side
+    real(dp), intent(in) :: a(2), b(2), c(2), d(2)
+    real(dp) :: c_side, d_side, a_side, b_side
     c_side = turn(a, b, c)
     d_side = turn(a, b, d)
     a_side = turn(c, d, a)
     b_side = turn(c, d, b)
-    edges_meet = (c_side*d_side < 0.0_wp .and. a_side*b_side < 0.0_wp) .or. (c_side == 0.0_wp .and. between(a, b, c)) .or. &
-      (d_side == 0.0_wp .and. between(a, b, d)) .or. (a_side == 0.0_wp .and. between(c, d, a)) .or. &
-      (b_side == 0.0_wp .and. between(c, d, b))
+    edges_meet = (c_side*d_side < 0.0_dp .and. a_side*b_side < 0.0_dp) .or. (c_side == 0.0_dp .and. between(a, b, c)) .or. &
+      (d_side == 0.0_dp .and. between(a, b, d)) .or. (a_side == 0.0_dp .and. between(c, d, a)) .or. &
+      (b_side == 0.0_dp .and. between(c, d, b))
   end function edges_meet
 
   !> 1 if the way a-b-c turns left, -1 if right, 0 if straight
-  pure real(wp) function turn(a, b, c)
-    real(wp), intent(in) :: a(2), b(2), c(2)
-    real(wp) :: left, right
+  pure real(dp) function turn(a, b, c)
+    real(dp), intent(in) :: a(2), b(2), c(2)
+    real(dp) :: left, right
     left = (b(1) - a(1))*(c(2) - a(2))
     right = (b(2) - a(2))*(c(1) - a(1))
-    turn = 0.0_wp
-    if (left > right) turn = 1.0_wp
-    if (left < right) turn = -1.0_wp
+    turn = 0.0_dp
+    if (left > right) turn = 1.0_dp
+    if (left < right) turn = -1.0_dp
   end function turn
 
   !> Whether c, on the line through a and b, lies between the two
   pure logical function between(a, b, c)
-    real(wp), intent(in) :: a(2), b(2), c(2)
+    real(dp), intent(in) :: a(2), b(2), c(2)
     between = all(c >= min(a, b) .and. c <= max(a, b))
   end function between
 
@@ -336,12 +336,12 @@ contains
         call note_key(mistakes, scene, "body", b, "initial", "needs a group &verification")
     end if
     if (scene%dimension == 0 .or. .not. usable(scene, "body", b, "deformation_gradient")) return
-    if (determinant(reals_of(scene, "body", b, "deformation_gradient"), scene%dimension) > 0.0_wp) return
+    if (determinant(reals_of(scene, "body", b, "deformation_gradient"), scene%dimension) > 0.0_dp) return
     call note_key(mistakes, scene, "body", b, "deformation_gradient", "the determinant must be above 0")
   end subroutine check_initial
 
-  pure real(wp) function determinant(f, d)
-    real(wp), intent(in) :: f(:) !! row by row
+  pure real(dp) function determinant(f, d)
+    real(dp), intent(in) :: f(:) !! row by row
     integer, intent(in) :: d !! rows
     select case (d)
     case (1)
@@ -359,7 +359,7 @@ contains
     character(len=*), intent(in) :: group
     integer, intent(in) :: which
     type(mistakes_t), intent(inout) :: mistakes
-    real(wp), allocatable :: times(:)
+    real(dp), allocatable :: times(:)
     integer :: n, k
     logical :: with_times, with_factors
     with_times = is_given(scene, group, which, "times")

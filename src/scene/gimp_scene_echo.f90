@@ -1,6 +1,6 @@
 !> The complete scene: what was written and every default that holds, as namelist text that can be run again
 module gimp_scene_echo
-  use gimp_kinds, only: wp
+  use gimp_common_kinds, only: dp
   use gimp_text, only: text_of
   use gimp_scene_keys
   use gimp_scene_values, only: exact_text, quoted_text
@@ -70,7 +70,7 @@ contains
     type(key_t), intent(in) :: key
     character(len=:), allocatable :: text, name
     character(len=64), allocatable :: words(:)
-    real(wp), allocatable :: numbers(:)
+    real(dp), allocatable :: numbers(:)
     integer, allocatable :: wholes(:)
     integer :: i, width
     name = trim(key%name)

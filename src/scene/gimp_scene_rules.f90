@@ -1,6 +1,6 @@
 !> Checks that follow from the key table alone: groups, keys, types, counts, ranges, words, what a choice reads
 module gimp_scene_rules
-  use gimp_kinds, only: wp
+  use gimp_common_kinds, only: dp
   use gimp_text, only: text_of, lower, word_in, count_words, nth_word
   use gimp_scene_keys
   use gimp_scene_mistakes, only: mistakes_t, note_mistake, suggestion, or_list
@@ -154,7 +154,7 @@ contains
     integer, intent(in) :: length !! characters as written
     logical, intent(in) :: quoted
     character(len=:), allocatable :: what
-    real(wp) :: number
+    real(dp) :: number
     integer :: whole, status
     logical :: truth
     what = ""

@@ -4,7 +4,7 @@
 !> the scene, and stops at once. Groups are counted in the order of the scene: the second &body is `which = 2`. A group that
 !> is absent gives its defaults (`which = 1`).
 module gimp_scene_store
-  use gimp_kinds, only: wp
+  use gimp_common_kinds, only: dp
   use gimp_error, only: error_t, add_error
   use gimp_text, only: lower, text_of, count_words, nth_word
   use gimp_scene_keys
@@ -127,13 +127,13 @@ contains
   end function line_of
 
   !> A number, in the unit of the key table; 0 if it is neither written nor has a default
-  pure real(wp) function real_of(scene, group, which, key)
+  pure real(dp) function real_of(scene, group, which, key)
     type(scene_t), intent(in) :: scene
     character(len=*), intent(in) :: group, key
     integer, intent(in) :: which
-    real(wp), allocatable :: values(:)
+    real(dp), allocatable :: values(:)
     allocate (values, source=reals_of(scene, group, which, key))
-    real_of = 0.0_wp
+    real_of = 0.0_dp
     if (size(values) > 0) real_of = values(1)
   end function real_of
 
@@ -142,7 +142,7 @@ contains
     type(scene_t), intent(in) :: scene
     character(len=*), intent(in) :: group, key
     integer, intent(in) :: which
-    real(wp), allocatable :: values(:)
+    real(dp), allocatable :: values(:)
     character(len=256), allocatable :: items(:)
     integer :: k, status
     call items_of(scene, group, which, key, [kind_real, kind_integer], items)

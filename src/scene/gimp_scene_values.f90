@@ -3,7 +3,7 @@
 !> Numbers are checked by hand before the runtime reads them, because list-directed reading accepts `nan`, `inf`, empty
 !> values and digits left over, and traps on overflow in a build that checks floating point.
 module gimp_scene_values
-  use gimp_kinds, only: wp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_text, only: lower, text_of
   implicit none(type, external)
   private
@@ -15,11 +15,11 @@ contains
   !> A finite real number; `status` 0 fine, 1 not a number at all, 2 not finite or out of what a double can hold
   pure subroutine parse_real(text, value, status)
     character(len=*), intent(in) :: text
-    real(wp), intent(out) :: value !! 0 unless status is 0
+    real(dp), intent(out) :: value !! 0 unless status is 0
     integer, intent(out) :: status
     character(len=:), allocatable :: number
     integer :: i, mark, digits, whole, power, first
-    value = 0.0_wp
+    value = 0.0_dp
     status = 1
     number = lower(trim(text))
     i = 1
@@ -105,9 +105,9 @@ contains
 
   !> The shortest text that reads back as exactly this number
   pure function exact_text(value) result(text)
-    real(wp), intent(in) :: value
+    real(dp), intent(in) :: value
     character(len=:), allocatable :: text
-    real(wp) :: again
+    real(dp) :: again
     character(len=24) :: buffer
     integer :: digits, status
     do digits = 1, 17
@@ -137,10 +137,10 @@ contains
 
   !> Whether a value lies in a range such as "(0,1]"; an empty range holds every value
   pure logical function in_range(value, range)
-    real(wp), intent(in) :: value
+    real(dp), intent(in) :: value
     character(len=*), intent(in) :: range
     character(len=16) :: ends(2)
-    real(wp) :: limit
+    real(dp) :: limit
     integer :: status
     in_range = .true.
     if (len_trim(range) == 0) return

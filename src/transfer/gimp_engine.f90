@@ -53,11 +53,11 @@ module gimp_engine
   abstract interface
     !> Body force of the lanes of a chunk
     pure subroutine evaluate_i(self, t, x, b)
-      import :: body_force_t, wp, lanes
+      import :: body_force_t, wp, dp, lanes
       implicit none(type, external)
       class(body_force_t), intent(in) :: self
-      real(wp), intent(in) :: t !! time [s]
-      real(wp), intent(in) :: x(lanes, 3) !! reference position [m]
+      real(dp), intent(in) :: t !! time [s]
+      real(wp), intent(in) :: x(lanes, 3) !! reference position from the corner of the box [cells]
       real(wp), intent(out) :: b(lanes, 3) !! [m/s2]
     end subroutine evaluate_i
   end interface
@@ -83,7 +83,7 @@ module gimp_engine
     real(wp) :: dt_strain = 0.0_wp !! step of strains [s]
     real(wp) :: kick = 0.0_wp !! step of velocities [s]: the half-step start and changing steps make it differ
     real(wp) :: flip = 1.0_wp !! q: 1 FLIP, 0 PIC
-    real(wp) :: time = 0.0_wp !! at which given forces act [s]
+    real(dp) :: time = 0.0_dp !! at which given forces act [s]
   end type pass_t
 
   !> All that a run steps forward

@@ -4,7 +4,7 @@
 !> `vel` the velocity [m/s], `f` the deformation gradient row by row. Components beyond the dimension are those of a body
 !> that does not move there.
 module gimp_exact_flat
-  use gimp_kinds, only: wp, lanes, pi
+  use gimp_kinds, only: dp, lanes, pi
   use gimp_verification_types, only: verification_t, set_at_rest, law_neo_hookean, law_hencky
   implicit none(type, external)
   private
@@ -18,10 +18,10 @@ contains
   !> Exact for small strain: the nonlinear laws differ from it by terms of second order in v0/c.
   pure subroutine bar_motion(v, t, x, u, vel, f)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: t, x(lanes, 3)
-    real(wp), intent(out) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
+    real(dp), intent(in) :: t, x(lanes, 3)
+    real(dp), intent(out) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
     integer :: p
-    real(wp) :: in_time, rate, y
+    real(dp) :: in_time, rate, y
     call set_at_rest(u, vel, f)
     in_time = v%speed/v%omega*sin(v%omega*t)
     rate = v%speed*cos(v%omega*t)
@@ -29,17 +29,17 @@ contains
       y = v%wave_number*(x(p, 1) - v%center(1))
       u(p, 1) = in_time*sin(y)
       vel(p, 1) = rate*sin(y)
-      f(p, 1) = 1.0_wp + in_time*v%wave_number*cos(y)
+      f(p, 1) = 1.0_dp + in_time*v%wave_number*cos(y)
     end do
   end subroutine bar_motion
 
   !> u_k = A sin(pi X_k) sin(c pi t + phi_k), rollers on the walls of the unit cube [Wallstedt & Guilkey 2008]
   pure subroutine axis_aligned_motion(v, t, x, u, vel, f)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: t, x(lanes, 3)
-    real(wp), intent(out) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
+    real(dp), intent(in) :: t, x(lanes, 3)
+    real(dp), intent(out) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
     integer :: p, k
-    real(wp) :: in_time, rate, y
+    real(dp) :: in_time, rate, y
     call set_at_rest(u, vel, f)
     do k = 1, v%dim
       in_time = v%amplitude*sin(v%omega*t + v%phases(k))
@@ -48,7 +48,7 @@ contains
         y = pi*(x(p, k) - v%center(k))
         u(p, k) = in_time*sin(y)
         vel(p, k) = rate*sin(y)
-        f(p, 4*k - 3) = 1.0_wp + in_time*pi*cos(y)
+        f(p, 4*k - 3) = 1.0_dp + in_time*pi*cos(y)
       end do
     end do
   end subroutine axis_aligned_motion
@@ -60,24 +60,24 @@ contains
   !> b_k = (pi^2 u_k/rho0) [(lambda (1 - K) + mu)/f_k^2 + mu - E] in one, two and three dimensions alike.
   pure subroutine axis_aligned_force(v, t, x, b)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: t, x(lanes, 3)
-    real(wp), intent(out) :: b(lanes, 3) !! [m/s2]
+    real(dp), intent(in) :: t, x(lanes, 3)
+    real(dp), intent(out) :: b(lanes, 3) !! [m/s2]
     integer :: p, k
-    real(wp) :: in_time(3), y, u(3), stretch(3), log_j
-    b = 0.0_wp
+    real(dp) :: in_time(3), y, u(3), stretch(3), log_j
+    b = 0.0_dp
     in_time = v%amplitude*sin(v%omega*t + v%phases)
     do p = 1, lanes
-      log_j = 1.0_wp
+      log_j = 1.0_dp
       do k = 1, v%dim
         y = pi*(x(p, k) - v%center(k))
         u(k) = in_time(k)*sin(y)
-        stretch(k) = 1.0_wp + in_time(k)*pi*cos(y)
+        stretch(k) = 1.0_dp + in_time(k)*pi*cos(y)
         log_j = log_j*stretch(k)
       end do
       log_j = log(log_j)
       do k = 1, v%dim
         b(p, k) = pi**2*u(k)/v%density &
-          *((v%lambda*(1.0_wp - log_j) + v%mu)/stretch(k)**2 + v%mu - v%young)
+          *((v%lambda*(1.0_dp - log_j) + v%mu)/stretch(k)**2 + v%mu - v%young)
       end do
     end do
   end subroutine axis_aligned_force
@@ -91,17 +91,17 @@ contains
   !> each bracket taken between the base q(0) and q(Y).
   pure subroutine column_motion(v, x, u, vel, f)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: x(lanes, 3)
-    real(wp), intent(out) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
+    real(dp), intent(in) :: x(lanes, 3)
+    real(dp), intent(out) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
     integer :: p, k
-    real(wp) :: load, height, q, place, base, stretch, unused
+    real(dp) :: load, height, q, place, base, stretch, unused
     call set_at_rest(u, vel, f)
     k = v%dim
     load = v%density*v%gravity/v%young ! 1/m
     call column_point(v%law, -load*v%length, base, unused)
     do p = 1, lanes
       height = x(p, k) - v%center(k)
-      q = -load*max(v%length - height, 0.0_wp) ! a point above the top moves with it
+      q = -load*max(v%length - height, 0.0_dp) ! a point above the top moves with it
       call column_point(v%law, q, place, stretch)
       u(p, k) = (place - base)/load - min(height, v%length)
       f(p, 4*k - 3) = stretch
@@ -111,17 +111,17 @@ contains
   !> Integral of the stretch over q, and the stretch, at q = P/E
   pure subroutine column_point(law, q, place, stretch)
     integer, intent(in) :: law
-    real(wp), intent(in) :: q
-    real(wp), intent(out) :: place, stretch
-    real(wp) :: w
+    real(dp), intent(in) :: q
+    real(dp), intent(out) :: place, stretch
+    real(dp) :: w
     select case (law)
     case (law_neo_hookean)
-      stretch = q + sqrt(1.0_wp + q*q)
-      place = 0.5_wp*(q*q + q*sqrt(1.0_wp + q*q) + asinh(q))
+      stretch = q + sqrt(1.0_dp + q*q)
+      place = 0.5_dp*(q*q + q*sqrt(1.0_dp + q*q) + asinh(q))
     case (law_hencky)
       w = -lambert_w(-q)
       stretch = exp(w)
-      place = w - 0.5_wp*w*w
+      place = w - 0.5_dp*w*w
     case default
       stretch = exp(q)
       place = stretch
@@ -129,23 +129,23 @@ contains
   end subroutine column_point
 
   !> Lambert's W: the solution of w exp(w) = z, by Newton's method; z > -1/e (a column of any height has z >= 0)
-  pure real(wp) function lambert_w(z) result(w)
-    real(wp), intent(in) :: z
+  pure real(dp) function lambert_w(z) result(w)
+    real(dp), intent(in) :: z
     integer :: k
-    real(wp) :: change
-    w = log(1.0_wp + z) ! not below the root, within 0.3 of it for z up to 1, exact at z = 0
+    real(dp) :: change
+    w = log(1.0_dp + z) ! not below the root, within 0.3 of it for z up to 1, exact at z = 0
     do k = 1, 50
-      change = (w - z*exp(-w))/(1.0_wp + z*exp(-w))
+      change = (w - z*exp(-w))/(1.0_dp + z*exp(-w))
       w = w - change
-      if (abs(change) <= 2.0_wp*epsilon(w)*abs(w)) exit
+      if (abs(change) <= 2.0_dp*epsilon(w)*abs(w)) exit
     end do
   end function lambert_w
 
   !> The whole body moves with one constant velocity
   pure subroutine translation_motion(v, t, u, vel, f)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: t
-    real(wp), intent(out) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
+    real(dp), intent(in) :: t
+    real(dp), intent(out) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
     integer :: k
     call set_at_rest(u, vel, f)
     do k = 1, v%dim
@@ -159,10 +159,10 @@ contains
   !> A free elastic body follows it up to the strain that its own spin causes, of order rho0 w^2 r^2/E.
   pure subroutine rotation_motion(v, t, x, u, vel, f)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: t, x(lanes, 3)
-    real(wp), intent(out) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
+    real(dp), intent(in) :: t, x(lanes, 3)
+    real(dp), intent(out) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
     integer :: p, i, j
-    real(wp) :: w(3), r(3, 3), d(3), y(3)
+    real(dp) :: w(3), r(3, 3), d(3), y(3)
     call set_at_rest(u, vel, f)
     w = v%angular_velocity
     r = rotation_of(w, t)
@@ -183,16 +183,16 @@ contains
 
   !> Rotation by the vector w t [Rodrigues]
   pure function rotation_of(w, t) result(r)
-    real(wp), intent(in) :: w(3), t
-    real(wp) :: r(3, 3), n(3), angle, c, s
+    real(dp), intent(in) :: w(3), t
+    real(dp) :: r(3, 3), n(3), angle, c, s
     integer :: i
     angle = norm2(w)*t
-    n = 0.0_wp
-    if (norm2(w) > 0.0_wp) n = w/norm2(w)
+    n = 0.0_dp
+    if (norm2(w) > 0.0_dp) n = w/norm2(w)
     c = cos(angle)
     s = sin(angle)
     do i = 1, 3
-      r(:, i) = (1.0_wp - c)*n*n(i)
+      r(:, i) = (1.0_dp - c)*n*n(i)
       r(i, i) = r(i, i) + c
     end do
     r(1, 2) = r(1, 2) - s*n(3); r(2, 1) = r(2, 1) + s*n(3)

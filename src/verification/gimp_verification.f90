@@ -14,7 +14,7 @@
 !> The axis-aligned vibration lives in the unit line, square or cube; the bar along the first axis; the column along the last.
 !> Neo-Hookean: sigma = [lambda ln J I + mu (F F^T - I)]/J, plane strain in 2D, uniaxial strain in 1D.
 module gimp_verification
-  use gimp_kinds, only: wp, lanes, pi
+  use gimp_kinds, only: dp, lanes, pi
   use gimp_error, only: error_t, add_error
   use gimp_text, only: text_of, word_in, nth_word
   use gimp_verification_types, only: verification_t, verification_options_t, unset, is_set, solution_words, &
@@ -41,7 +41,7 @@ contains
     type(verification_options_t), intent(in) :: options
     integer, intent(in) :: dim !! 1, 2 or 3
     character(len=*), intent(in) :: model !! word of the material model
-    real(wp), intent(in) :: density, young, poisson !! of the material [kg/m3, Pa, -]
+    real(dp), intent(in) :: density, young, poisson !! of the material [kg/m3, Pa, -]
     type(verification_t), intent(out) :: verification
     type(error_t), allocatable, intent(out) :: error
     verification%solution = word_in(options%solution, solution_words)
@@ -54,15 +54,15 @@ contains
       v%density = density
       v%young = young
       v%poisson = poisson
-      v%lambda = young*poisson/((1.0_wp + poisson)*(1.0_wp - 2.0_wp*poisson))
-      v%mu = 0.5_wp*young/(1.0_wp + poisson)
+      v%lambda = young*poisson/((1.0_dp + poisson)*(1.0_dp - 2.0_dp*poisson))
+      v%mu = 0.5_dp*young/(1.0_dp + poisson)
       v%wave_speed = sqrt(young/density)
       v%law = law_of(model)
       call check_options(options, v%solution, dim, error)
       call check_material(v, model, error)
-      v%center = chosen(options%center, 0.0_wp)
-      v%velocity = chosen(options%velocity, 0.0_wp)
-      v%angular_velocity = chosen(options%angular_velocity, 0.0_wp)
+      v%center = chosen(options%center, 0.0_dp)
+      v%velocity = chosen(options%velocity, 0.0_dp)
+      v%angular_velocity = chosen(options%angular_velocity, 0.0_dp)
     end associate
     select case (verification%solution)
     case (vibrating_bar)
@@ -72,8 +72,8 @@ contains
     case (vortex, expanding_ring)
       call make_round(options, verification, error)
     case (self_weight_column)
-      verification%length = chosen(options%length, 50.0_wp)
-      verification%gravity = chosen(options%gravity, 10.0_wp)
+      verification%length = chosen(options%length, 50.0_dp)
+      verification%gravity = chosen(options%gravity, 10.0_dp)
       call check_positive("length", verification%length, error)
       call check_positive("gravity", verification%gravity, error)
     end select
@@ -84,13 +84,13 @@ contains
     type(verification_options_t), intent(in) :: options
     type(verification_t), intent(inout) :: v
     type(error_t), allocatable, intent(inout) :: error
-    v%speed = chosen(options%speed, 0.1_wp)
-    v%length = chosen(options%length, 25.0_wp)
+    v%speed = chosen(options%speed, 0.1_dp)
+    v%length = chosen(options%length, 25.0_dp)
     call check_positive("speed", v%speed, error)
     call check_positive("length", v%length, error)
     if (allocated(error)) return
-    v%wave_speed = sqrt((v%lambda + 2.0_wp*v%mu)/v%density) ! uniaxial strain; sqrt(E/rho0) for nu = 0
-    v%wave_number = 0.5_wp*pi/v%length
+    v%wave_speed = sqrt((v%lambda + 2.0_dp*v%mu)/v%density) ! uniaxial strain; sqrt(E/rho0) for nu = 0
+    v%wave_number = 0.5_dp*pi/v%length
     v%omega = v%wave_number*v%wave_speed
     v%amplitude = v%speed/v%omega
   end subroutine make_bar
@@ -100,13 +100,13 @@ contains
     type(verification_options_t), intent(in) :: options
     type(verification_t), intent(inout) :: v
     type(error_t), allocatable, intent(inout) :: error
-    v%amplitude = chosen(options%amplitude, 0.05_wp)
+    v%amplitude = chosen(options%amplitude, 0.05_dp)
     v%wave_number = pi
     v%omega = pi*v%wave_speed
-    v%phases = [0.0_wp, pi, 0.0_wp]
+    v%phases = [0.0_dp, pi, 0.0_dp]
     where (is_set(options%phases)) v%phases = options%phases
     call check_positive("amplitude", v%amplitude, error)
-    if (v%amplitude*pi >= 1.0_wp) call add_error(error, "&verification: amplitude = "//text_of(v%amplitude) &
+    if (v%amplitude*pi >= 1.0_dp) call add_error(error, "&verification: amplitude = "//text_of(v%amplitude) &
       //" m; must be below 1/pi m, or the body turns inside out")
   end subroutine make_axis_aligned
 
@@ -115,12 +115,12 @@ contains
     type(verification_options_t), intent(in) :: options
     type(verification_t), intent(inout) :: v
     type(error_t), allocatable, intent(inout) :: error
-    real(wp) :: steepest, ri, ro
+    real(dp) :: steepest, ri, ro
     if (v%dim < 2) call add_error(error, "&verification: solution "//solution_name(v)//" needs dimension 2 or 3")
-    v%amplitude = chosen(options%amplitude, 0.1_wp)
-    v%inner_radius = chosen(options%inner_radius, merge(0.75_wp, 0.4_wp, v%solution == vortex))
-    v%outer_radius = chosen(options%outer_radius, merge(1.25_wp, 0.6_wp, v%solution == vortex))
-    v%period = chosen(options%period, 1.0_wp)
+    v%amplitude = chosen(options%amplitude, 0.1_dp)
+    v%inner_radius = chosen(options%inner_radius, merge(0.75_dp, 0.4_dp, v%solution == vortex))
+    v%outer_radius = chosen(options%outer_radius, merge(1.25_dp, 0.6_dp, v%solution == vortex))
+    v%period = chosen(options%period, 1.0_dp)
     call check_positive("amplitude", v%amplitude, error)
     call check_positive("inner_radius", v%inner_radius, error)
     call check_positive("period", v%period, error)
@@ -133,21 +133,21 @@ contains
     end if
     ri = v%inner_radius
     ro = v%outer_radius
-    if (abs(ro - 3.0_wp*ri) < 1.0e-6_wp*ro) then
+    if (abs(ro - 3.0_dp*ri) < 1.0e-6_dp*ro) then
       call add_error(error, "&verification: outer_radius is three times inner_radius, where the ring has no solution")
       return
     end if
     v%omega = pi*v%wave_speed/(ri + ro)
     call set_ring_polynomial(v)
     ! u_R' = 3 c3 (R - Ri)(R - Ro) is steepest at the mid radius; u_R/R is monotone or bounded by its ends and that slope
-    steepest = max(0.75_wp*abs(v%ring_c3)*(ro - ri)**2, abs(v%ring_c1 + ri*(v%ring_c2 + ri*v%ring_c3)), 1.0_wp/ro)
-    if (v%amplitude*steepest >= 1.0_wp) call add_error(error, "&verification: amplitude = "//text_of(v%amplitude) &
-      //" m; must be below "//text_of(1.0_wp/steepest)//" m, or the ring turns inside out")
+    steepest = max(0.75_dp*abs(v%ring_c3)*(ro - ri)**2, abs(v%ring_c1 + ri*(v%ring_c2 + ri*v%ring_c3)), 1.0_dp/ro)
+    if (v%amplitude*steepest >= 1.0_dp) call add_error(error, "&verification: amplitude = "//text_of(v%amplitude) &
+      //" m; must be below "//text_of(1.0_dp/steepest)//" m, or the ring turns inside out")
   end subroutine make_round
 
   !> The number given, or the default
-  elemental real(wp) function chosen(value, default)
-    real(wp), intent(in) :: value, default
+  elemental real(dp) function chosen(value, default)
+    real(dp), intent(in) :: value, default
     chosen = default
     if (is_set(value)) chosen = value
   end function chosen
@@ -155,9 +155,9 @@ contains
   !> One complaint if a number is not above zero
   pure subroutine check_positive(name, value, error)
     character(len=*), intent(in) :: name
-    real(wp), intent(in) :: value
+    real(dp), intent(in) :: value
     type(error_t), allocatable, intent(inout) :: error
-    if (.not. value > 0.0_wp) call add_error(error, "&verification: "//name//" = "//text_of(value)//"; must be above 0")
+    if (.not. value > 0.0_dp) call add_error(error, "&verification: "//name//" = "//text_of(value)//"; must be above 0")
   end subroutine check_positive
 
   !> Numbers that the solution does not read, and numbers that it needs
@@ -189,7 +189,7 @@ contains
       reads = "angular_velocity center"
       if (.not. given(9)) call add_error(error, "&verification: angular_velocity is required by solution rigid_rotation")
       if (dim == 1) call add_error(error, "&verification: solution rigid_rotation needs dimension 2 or 3")
-      if (dim == 2 .and. any(is_set(options%angular_velocity(1:2)) .and. options%angular_velocity(1:2) /= 0.0_wp)) &
+      if (dim == 2 .and. any(is_set(options%angular_velocity(1:2)) .and. options%angular_velocity(1:2) /= 0.0_dp)) &
         call add_error(error, "&verification: angular_velocity turns the body out of the plane; one number is right in 2D")
     end select
     if (any(beyond(options%velocity, dim)) .or. any(beyond(options%center, dim)) .or. any(beyond(options%phases, dim))) &
@@ -202,10 +202,10 @@ contains
 
   !> Numbers given for axes that the scene has not (zero does no harm)
   pure function beyond(values, dim) result(is_beyond)
-    real(wp), intent(in) :: values(3)
+    real(dp), intent(in) :: values(3)
     integer, intent(in) :: dim
     logical :: is_beyond(3)
-    is_beyond = is_set(values) .and. values /= 0.0_wp
+    is_beyond = is_set(values) .and. values /= 0.0_dp
     is_beyond(:dim) = .false.
   end function beyond
 
@@ -219,7 +219,7 @@ contains
       //" does not hold for model "//trim(model)//"; it holds for "//expected_models(v))
     wants_zero = v%solution == expanding_ring .or. v%solution == self_weight_column &
       .or. (v%solution == vibrating_bar .and. v%dim > 1)
-    if (wants_zero .and. v%poisson /= 0.0_wp) call add_error(error, "&verification: solution "//solution_name(v) &
+    if (wants_zero .and. v%poisson /= 0.0_dp) call add_error(error, "&verification: solution "//solution_name(v) &
       //" needs poisson_ratio = 0, the material has "//text_of(v%poisson))
   end subroutine check_material
 
@@ -262,11 +262,11 @@ contains
   !> Displacement, velocity and deformation gradient in one go
   pure subroutine exact_motion(v, t, x, u, vel, f)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: t !! time [s]
-    real(wp), intent(in) :: x(lanes, 3) !! reference position X [m]; 0 in the components that the scene has not
-    real(wp), intent(out) :: u(lanes, 3) !! displacement x - X [m]
-    real(wp), intent(out) :: vel(lanes, 3) !! velocity [m/s]
-    real(wp), intent(out) :: f(lanes, 9) !! deformation gradient, row by row
+    real(dp), intent(in) :: t !! time [s]
+    real(dp), intent(in) :: x(lanes, 3) !! reference position X [m]; 0 in the components that the scene has not
+    real(dp), intent(out) :: u(lanes, 3) !! displacement x - X [m]
+    real(dp), intent(out) :: vel(lanes, 3) !! velocity [m/s]
+    real(dp), intent(out) :: f(lanes, 9) !! deformation gradient, row by row
     select case (v%solution)
     case (vibrating_bar)
       call bar_motion(v, t, x, u, vel, f)
@@ -288,27 +288,27 @@ contains
   !> Displacement [m] of the points with reference position x at time t
   pure subroutine exact_displacement(v, t, x, u)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: t, x(lanes, 3)
-    real(wp), intent(out) :: u(lanes, 3)
-    real(wp) :: vel(lanes, 3), f(lanes, 9)
+    real(dp), intent(in) :: t, x(lanes, 3)
+    real(dp), intent(out) :: u(lanes, 3)
+    real(dp) :: vel(lanes, 3), f(lanes, 9)
     call exact_motion(v, t, x, u, vel, f)
   end subroutine exact_displacement
 
   !> Velocity [m/s] of the points with reference position x at time t
   pure subroutine exact_velocity(v, t, x, vel)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: t, x(lanes, 3)
-    real(wp), intent(out) :: vel(lanes, 3)
-    real(wp) :: u(lanes, 3), f(lanes, 9)
+    real(dp), intent(in) :: t, x(lanes, 3)
+    real(dp), intent(out) :: vel(lanes, 3)
+    real(dp) :: u(lanes, 3), f(lanes, 9)
     call exact_motion(v, t, x, u, vel, f)
   end subroutine exact_velocity
 
   !> Deformation gradient, row by row, of the points with reference position x at time t
   pure subroutine exact_deformation(v, t, x, f)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: t, x(lanes, 3)
-    real(wp), intent(out) :: f(lanes, 9)
-    real(wp) :: u(lanes, 3), vel(lanes, 3)
+    real(dp), intent(in) :: t, x(lanes, 3)
+    real(dp), intent(out) :: f(lanes, 9)
+    real(dp) :: u(lanes, 3), vel(lanes, 3)
     call exact_motion(v, t, x, u, vel, f)
   end subroutine exact_deformation
 
@@ -318,11 +318,11 @@ contains
   !> the undeformed area, which nu = 0 keeps; rigid motions: none.
   pure subroutine exact_stress(v, t, x, sigma)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: t, x(lanes, 3)
-    real(wp), intent(out) :: sigma(lanes, 6)
-    real(wp) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
+    real(dp), intent(in) :: t, x(lanes, 3)
+    real(dp), intent(out) :: sigma(lanes, 6)
+    real(dp) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
     integer :: p
-    sigma = 0.0_wp
+    sigma = 0.0_dp
     select case (v%solution)
     case (axis_aligned, vortex, expanding_ring)
       call exact_motion(v, t, x, u, vel, f)
@@ -331,19 +331,19 @@ contains
       end do
     case (vibrating_bar)
       call exact_motion(v, t, x, u, vel, f)
-      sigma(:, 1) = (v%lambda + 2.0_wp*v%mu)*(f(:, 1) - 1.0_wp)
-      sigma(:, 2) = v%lambda*(f(:, 1) - 1.0_wp)
+      sigma(:, 1) = (v%lambda + 2.0_dp*v%mu)*(f(:, 1) - 1.0_dp)
+      sigma(:, 2) = v%lambda*(f(:, 1) - 1.0_dp)
       sigma(:, 3) = sigma(:, 2)
     case (self_weight_column)
-      sigma(:, v%dim) = -v%density*v%gravity*max(v%length - (x(:, v%dim) - v%center(v%dim)), 0.0_wp)
+      sigma(:, v%dim) = -v%density*v%gravity*max(v%length - (x(:, v%dim) - v%center(v%dim)), 0.0_dp)
     end select
   end subroutine exact_stress
 
   !> sigma = [lambda ln J I + mu (F F^T - I)]/J
   pure function neo_hookean_stress(v, f) result(sigma)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: f(9)
-    real(wp) :: sigma(6), j, pressure_like
+    real(dp), intent(in) :: f(9)
+    real(dp) :: sigma(6), j, pressure_like
     j = f(1)*(f(5)*f(9) - f(6)*f(8)) - f(2)*(f(4)*f(9) - f(6)*f(7)) + f(3)*(f(4)*f(8) - f(5)*f(7))
     pressure_like = v%lambda*log(j) - v%mu
     sigma(1) = (pressure_like + v%mu*(f(1)**2 + f(2)**2 + f(3)**2))/j
@@ -357,8 +357,8 @@ contains
   !> Body force per mass [m/s2] that the solution needs, at the reference position x and time t; 0 where it needs none
   pure subroutine body_force(v, t, x, b)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: t, x(lanes, 3)
-    real(wp), intent(out) :: b(lanes, 3)
+    real(dp), intent(in) :: t, x(lanes, 3)
+    real(dp), intent(out) :: b(lanes, 3)
     select case (v%solution)
     case (axis_aligned)
       call axis_aligned_force(v, t, x, b)
@@ -367,7 +367,7 @@ contains
     case (expanding_ring)
       call ring_force(v, t, x, b)
     case default
-      b = 0.0_wp
+      b = 0.0_dp
     end select
   end subroutine body_force
 
@@ -380,27 +380,27 @@ contains
   !> Is there a solution for a point with this reference position? Faces count to round-off.
   pure logical function is_defined_at(v, x)
     type(verification_t), intent(in) :: v
-    real(wp), intent(in) :: x(3) !! reference position [m]
-    real(wp) :: d(3), slack
-    slack = 1.0e-9_wp
+    real(dp), intent(in) :: x(3) !! reference position [m]
+    real(dp) :: d(3), slack
+    slack = 1.0e-9_dp
     d = x - v%center
     select case (v%solution)
     case (vibrating_bar)
-      is_defined_at = d(1) >= -slack*v%length .and. d(1) <= (1.0_wp + slack)*v%length
+      is_defined_at = d(1) >= -slack*v%length .and. d(1) <= (1.0_dp + slack)*v%length
     case (axis_aligned)
-      is_defined_at = all(d(:v%dim) >= -slack) .and. all(d(:v%dim) <= 1.0_wp + slack)
+      is_defined_at = all(d(:v%dim) >= -slack) .and. all(d(:v%dim) <= 1.0_dp + slack)
     case (vortex, expanding_ring)
-      is_defined_at = norm2(d(1:2)) >= (1.0_wp - slack)*v%inner_radius &
-        .and. norm2(d(1:2)) <= (1.0_wp + slack)*v%outer_radius
+      is_defined_at = norm2(d(1:2)) >= (1.0_dp - slack)*v%inner_radius &
+        .and. norm2(d(1:2)) <= (1.0_dp + slack)*v%outer_radius
     case (self_weight_column)
-      is_defined_at = d(v%dim) >= -slack*v%length .and. d(v%dim) <= (1.0_wp + slack)*v%length
+      is_defined_at = d(v%dim) >= -slack*v%length .and. d(v%dim) <= (1.0_dp + slack)*v%length
     case default
       is_defined_at = .true.
     end select
   end function is_defined_at
 
   !> Length by which errors of position are divided [m]
-  pure real(wp) function error_scale(v)
+  pure real(dp) function error_scale(v)
     type(verification_t), intent(in) :: v
     select case (v%solution)
     case (vibrating_bar, axis_aligned, expanding_ring)
@@ -408,7 +408,7 @@ contains
     case (self_weight_column)
       error_scale = v%length
     case default
-      error_scale = 1.0_wp
+      error_scale = 1.0_dp
     end select
   end function error_scale
 

@@ -2,7 +2,7 @@
 !>
 !> The solutions, what they ask of a scene and where they come from are listed in gimp_verification.
 module gimp_verification_types
-  use gimp_kinds, only: wp, lanes
+  use gimp_kinds, only: dp, lanes
   implicit none(type, external)
   private
   public :: verification_t, verification_options_t, unset, is_set, set_at_rest, solution_words
@@ -10,7 +10,7 @@ module gimp_verification_types
   public :: law_neo_hookean, law_hencky, law_rate, law_other
 
   !> Marks an option that the author of the scene has not given
-  real(wp), parameter :: unset = -huge(1.0_wp)
+  real(dp), parameter :: unset = -huge(1.0_dp)
 
   !> The solutions by name; the constants below are positions in this list
   character(len=*), parameter :: solution_words = &
@@ -24,16 +24,16 @@ module gimp_verification_types
   !> What the author of a scene may choose; what stays `unset` takes the default of the solution
   type :: verification_options_t
     character(len=32) :: solution = "" !! one of `solution_words`
-    real(wp) :: amplitude = unset !! axis_aligned and expanding_ring [m], vortex [rad]
-    real(wp) :: speed = unset !! vibrating_bar: greatest initial velocity v0 [m/s]
-    real(wp) :: length = unset !! vibrating_bar, self_weight_column: undeformed length [m]
-    real(wp) :: period = unset !! vortex: time in which it twists and returns, T [s]
-    real(wp) :: gravity = unset !! self_weight_column: magnitude, pulling to lower coordinates [m/s2]
-    real(wp) :: inner_radius = unset, outer_radius = unset !! vortex, expanding_ring [m]
-    real(wp) :: velocity(3) = unset !! rigid_translation [m/s]
-    real(wp) :: angular_velocity(3) = unset !! rigid_rotation [rad/s]; in 2D the third component is the spin
-    real(wp) :: center(3) = unset !! origin of the solution's own coordinates [m]
-    real(wp) :: phases(3) = unset !! axis_aligned [rad]
+    real(dp) :: amplitude = unset !! axis_aligned and expanding_ring [m], vortex [rad]
+    real(dp) :: speed = unset !! vibrating_bar: greatest initial velocity v0 [m/s]
+    real(dp) :: length = unset !! vibrating_bar, self_weight_column: undeformed length [m]
+    real(dp) :: period = unset !! vortex: time in which it twists and returns, T [s]
+    real(dp) :: gravity = unset !! self_weight_column: magnitude, pulling to lower coordinates [m/s2]
+    real(dp) :: inner_radius = unset, outer_radius = unset !! vortex, expanding_ring [m]
+    real(dp) :: velocity(3) = unset !! rigid_translation [m/s]
+    real(dp) :: angular_velocity(3) = unset !! rigid_rotation [rad/s]; in 2D the third component is the spin
+    real(dp) :: center(3) = unset !! origin of the solution's own coordinates [m]
+    real(dp) :: phases(3) = unset !! axis_aligned [rad]
   end type verification_options_t
 
   !> An exact solution, ready to be evaluated: plain numbers only
@@ -41,36 +41,36 @@ module gimp_verification_types
     integer :: solution = 0 !! 0: none
     integer :: dim = 0
     integer :: law = law_other
-    real(wp) :: density = 0.0_wp !! rho0 [kg/m3]
-    real(wp) :: young = 0.0_wp, poisson = 0.0_wp !! E [Pa], nu
-    real(wp) :: lambda = 0.0_wp, mu = 0.0_wp !! Lame constants [Pa]
-    real(wp) :: wave_speed = 0.0_wp !! c of the solution [m/s]: sqrt(E/rho0); bar: sqrt((lambda + 2 mu)/rho0)
-    real(wp) :: omega = 0.0_wp !! angular frequency in time [rad/s]; 0 where nothing vibrates
-    real(wp) :: wave_number = 0.0_wp !! in space [rad/m]
-    real(wp) :: amplitude = 0.0_wp
-    real(wp) :: speed = 0.0_wp, length = 0.0_wp, period = 0.0_wp, gravity = 0.0_wp
-    real(wp) :: inner_radius = 0.0_wp, outer_radius = 0.0_wp
-    real(wp) :: velocity(3) = 0.0_wp, angular_velocity(3) = 0.0_wp, center(3) = 0.0_wp, phases(3) = 0.0_wp
-    real(wp) :: ring_c1 = 0.0_wp, ring_c2 = 0.0_wp, ring_c3 = 0.0_wp !! u_R/(A sin wt) = c1 R + c2 R^2 + c3 R^3
+    real(dp) :: density = 0.0_dp !! rho0 [kg/m3]
+    real(dp) :: young = 0.0_dp, poisson = 0.0_dp !! E [Pa], nu
+    real(dp) :: lambda = 0.0_dp, mu = 0.0_dp !! Lame constants [Pa]
+    real(dp) :: wave_speed = 0.0_dp !! c of the solution [m/s]: sqrt(E/rho0); bar: sqrt((lambda + 2 mu)/rho0)
+    real(dp) :: omega = 0.0_dp !! angular frequency in time [rad/s]; 0 where nothing vibrates
+    real(dp) :: wave_number = 0.0_dp !! in space [rad/m]
+    real(dp) :: amplitude = 0.0_dp
+    real(dp) :: speed = 0.0_dp, length = 0.0_dp, period = 0.0_dp, gravity = 0.0_dp
+    real(dp) :: inner_radius = 0.0_dp, outer_radius = 0.0_dp
+    real(dp) :: velocity(3) = 0.0_dp, angular_velocity(3) = 0.0_dp, center(3) = 0.0_dp, phases(3) = 0.0_dp
+    real(dp) :: ring_c1 = 0.0_dp, ring_c2 = 0.0_dp, ring_c3 = 0.0_dp !! u_R/(A sin wt) = c1 R + c2 R^2 + c3 R^3
   end type verification_t
 
 contains
 
   !> Has the author of the scene given this number?
   elemental logical function is_set(value)
-    real(wp), intent(in) :: value
+    real(dp), intent(in) :: value
     is_set = value /= unset
   end function is_set
 
   !> A body that has not moved
   pure subroutine set_at_rest(u, vel, f)
-    real(wp), intent(out) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
-    u = 0.0_wp
-    vel = 0.0_wp
-    f = 0.0_wp
-    f(:, 1) = 1.0_wp
-    f(:, 5) = 1.0_wp
-    f(:, 9) = 1.0_wp
+    real(dp), intent(out) :: u(lanes, 3), vel(lanes, 3), f(lanes, 9)
+    u = 0.0_dp
+    vel = 0.0_dp
+    f = 0.0_dp
+    f(:, 1) = 1.0_dp
+    f(:, 5) = 1.0_dp
+    f(:, 9) = 1.0_dp
   end subroutine set_at_rest
 
 end module gimp_verification_types

@@ -80,6 +80,15 @@ def gimp_x():
     return path
 
 
+@pytest.fixture(scope="session")
+def gimp_sp_x(gimp_x):
+    """Path of the program in single precision: gimp_sp.x beside gimp.x; a build without it skips the test"""
+    path = gimp_x.with_name("gimp_sp.x")
+    if not os.access(path, os.X_OK):
+        pytest.skip(f"there is no {path}: the build has GIMP_SINGLE=OFF")
+    return path
+
+
 @pytest.fixture
 def run_scene(gimp_x):
     """A function run_scene(scene, folder, arguments=(), timeout=300, **overrides) -> Run
@@ -88,11 +97,23 @@ def run_scene(gimp_x):
     run_scene(INPUTS / "vortex.nml", tmp_path, time__max_steps=5, **{"body[1].velocity": [0.1, 0.0]}); None takes a key away.
     """
 
+    return runner(gimp_x)
+
+
+@pytest.fixture
+def run_single(gimp_sp_x):
+    """The same with the program in single precision"""
+    return runner(gimp_sp_x)
+
+
+def runner(program):
+    """The function behind run_scene"""
+
     def run(scene, folder, arguments=(), timeout=300, **overrides):
         text = scene.read_text() if isinstance(scene, Path) else scene
         for key, value in overrides.items():
             text = namelist.set_key(text, key.replace("__", "."), value)
-        done = subprocess.run([str(gimp_x), *arguments], input=text, cwd=folder, timeout=timeout, text=True,
+        done = subprocess.run([str(program), *arguments], input=text, cwd=folder, timeout=timeout, text=True,
                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         return Run(done.returncode, done.stdout, done.stderr, Path(folder), text, Path(folder) / f"{output_name(text)}.vtkhdf")
 

@@ -3,7 +3,7 @@
 !> A suite is a program: `call begin_suite("name")`, then `call check(...)` in each case, then `call end_suite()`, which
 !> ends with a non-zero exit code if a check failed or none was made.
 module gimp_check
-  use gimp_kinds, only: wp
+  use gimp_common_kinds, only: sp, dp
   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
   implicit none(type, external)
   private
@@ -14,7 +14,7 @@ module gimp_check
 
   !> A value against the expected one; `atol` is absolute
   interface check
-    module procedure check_scalar, check_array, check_integer, check_text
+    module procedure check_scalar, check_array, check_scalar_single, check_array_single, check_integer, check_text
   end interface check
 
 contains
@@ -41,7 +41,7 @@ contains
   end subroutine check_true
 
   subroutine check_scalar(value, expected, atol, what)
-    real(wp), intent(in) :: value, expected, atol
+    real(dp), intent(in) :: value, expected, atol
     character(len=*), intent(in) :: what
     made = made + 1
     if (abs(value - expected) <= atol) return ! written so that a NaN fails
@@ -51,7 +51,7 @@ contains
   end subroutine check_scalar
 
   subroutine check_array(value, expected, atol, what)
-    real(wp), intent(in) :: value(:), expected(:), atol
+    real(dp), intent(in) :: value(:), expected(:), atol
     character(len=*), intent(in) :: what
     integer :: k
     made = made + 1
@@ -67,6 +67,18 @@ contains
     write (error_unit, "(4a,i0,a,es24.16,a,es24.16,a,es9.2)") trim(suite), ": FAILED: ", what, ": element ", k, ": got ", &
       value(k), ", expected ", expected(k), ", tolerance ", atol
   end subroutine check_array
+
+  subroutine check_scalar_single(value, expected, atol, what)
+    real(sp), intent(in) :: value, expected, atol
+    character(len=*), intent(in) :: what
+    call check_scalar(real(value, dp), real(expected, dp), real(atol, dp), what)
+  end subroutine check_scalar_single
+
+  subroutine check_array_single(value, expected, atol, what)
+    real(sp), intent(in) :: value(:), expected(:), atol
+    character(len=*), intent(in) :: what
+    call check_array(real(value, dp), real(expected, dp), real(atol, dp), what)
+  end subroutine check_array_single
 
   subroutine check_integer(value, expected, what)
     integer, intent(in) :: value, expected

@@ -1,3 +1,3 @@
-gimp_add_unit_test(basis test_basis)
+gimp_add_unit_test(basis test_basis SINGLE)
 gimp_add_unit_test(basis test_domains)
 gimp_add_unit_test(basis test_splines)

@@ -1,5 +1,2 @@
-gimp_add_unit_test(core test_tensor)
-gimp_add_unit_test(core test_hash_sorting)
-gimp_add_unit_test(core test_tensor_functions)
-gimp_add_unit_test(core test_accumulator)
-gimp_add_unit_test(core test_parcel)
+gimp_add_unit_test(core test_tensor SINGLE)
+gimp_add_unit_test(core test_tensor_functions SINGLE)

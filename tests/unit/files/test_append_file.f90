@@ -1,6 +1,6 @@
 !> What is committed can be read by the HDF5 library, what is not committed is not seen
 program test_append_file
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t
   use gimp_file_system, only: file_exists, file_bytes, delete_file
   use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, read_dataset, dataset_shape, read_attribute, read_text, &

@@ -1,7 +1,7 @@
 !> Names of files, and bytes at a place of our choosing
 program test_file_system
   use, intrinsic :: iso_c_binding, only: c_loc
-  use gimp_kinds, only: i8
+  use gimp_common_kinds, only: i8
   use gimp_error, only: error_t
   use gimp_file_system, only: file_exists, folder_writable, folder_of, rename_file, delete_file, raw_file_t, create_raw_file, &
     write_at, resize_raw_file, sync_raw_file, close_raw_file

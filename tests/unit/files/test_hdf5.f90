@@ -1,7 +1,7 @@
 !> What goes into an HDF5 file comes out, and what fails says so
 program test_hdf5
   use, intrinsic :: iso_fortran_env, only: real32, int32
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t
   use gimp_file_system, only: delete_file
   use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, flush_hdf5, create_group, write_dataset, append_dataset, &

@@ -1,7 +1,7 @@
 !> Particle files come back as written, and every fault in one is told
 program test_particle_file
   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t, report_lines
   use gimp_file_system, only: file_exists, delete_file
   use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, write_dataset, read_attribute

@@ -1,7 +1,7 @@
 !> A seal tells every changed byte, and leaves the HDF5 file readable
 program test_sealed_file
   use, intrinsic :: iso_c_binding, only: c_loc
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t
   use gimp_text, only: text_of
   use gimp_file_system, only: delete_file, raw_file_t, open_raw_file, write_at, close_raw_file

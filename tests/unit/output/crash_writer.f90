@@ -2,7 +2,7 @@
 !> Arguments: output path, particles, 1 if their number changes from frame to frame. Values follow from the frame number.
 program crash_writer
   use, intrinsic :: iso_fortran_env, only: output_unit, error_unit
-  use gimp_kinds, only: wp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t
   use gimp_output_file, only: output_file_t, open_output
   use gimp_vtkhdf, only: frames_t, open_frames, begin_frame, add_field, end_frame
@@ -13,7 +13,7 @@ program crash_writer
   type(frames_t) :: frames
   type(history_t) :: history
   type(error_t), allocatable :: error
-  real(wp), allocatable :: x(:, :)
+  real(dp), allocatable :: x(:, :)
   integer(i8), allocatable :: id(:)
   character(len=256) :: path, word
   integer :: n, changing, frame, m, i
@@ -31,16 +31,16 @@ program crash_writer
   do frame = 1, 1000000
     m = n + changing*mod(7*frame, 5)
     allocate (x(3, m), id(m))
-    x = real(frame, wp)
+    x = real(frame, dp)
     id = [(int(1000*frame + i, i8), i=1, m)]
     call begin_frame(output, frames, x, error)
     if (.not. allocated(error)) call add_field(output, frames, "velocity", -x, error)
-    if (.not. allocated(error)) call add_field(output, frames, "pressure", 0.5_wp*x(1, :), error)
+    if (.not. allocated(error)) call add_field(output, frames, "pressure", 0.5_dp*x(1, :), error)
     if (.not. allocated(error)) call add_field(output, frames, "id", id, error)
-    if (.not. allocated(error)) call end_frame(output, frames, 0.25_wp*frame, error)
+    if (.not. allocated(error)) call end_frame(output, frames, 0.25_dp*frame, error)
     call end_if_failed()
     do i = 1, 3
-      call append_row(output, history, [real(frame, wp), 0.5_wp*frame], error)
+      call append_row(output, history, [real(frame, dp), 0.5_dp*frame], error)
       call end_if_failed()
     end do
     call commit_history(output, history, error)

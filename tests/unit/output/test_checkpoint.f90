@@ -1,6 +1,6 @@
 !> Checkpoint files: two are kept, damage is told with the name of the other one, and they know their output file again
 program test_checkpoint
-  use gimp_kinds, only: i8
+  use gimp_common_kinds, only: i8
   use gimp_error, only: error_t
   use gimp_text, only: count_words, nth_word
   use gimp_file_system, only: delete_file, file_exists

@@ -1,6 +1,6 @@
 !> History, CSV, scene and summary hold what they were given
 program test_history
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t
   use gimp_file_system, only: delete_file
   use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, read_dataset, read_attribute, read_text

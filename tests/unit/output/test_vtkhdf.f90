@@ -1,6 +1,6 @@
 !> Frames are where the offsets say, and misuse is told
 program test_vtkhdf
-  use gimp_kinds, only: wp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t
   use gimp_file_system, only: delete_file
   use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, read_dataset, read_attribute
@@ -46,14 +46,14 @@ contains
     type(output_file_t), intent(inout) :: output
     type(frames_t), intent(inout) :: frames
     integer, intent(in) :: k, n
-    real(wp), allocatable :: x(:, :)
+    real(dp), allocatable :: x(:, :)
     integer :: i
-    x = reshape([(k + 0.25_wp*i, i=1, 3*n)], [3, n])
+    x = reshape([(k + 0.25_dp*i, i=1, 3*n)], [3, n])
     call begin_frame(output, frames, x, error)
     call add_field(output, frames, "velocity", -x, error)
     call add_field(output, frames, "mass", x(1, :), error)
     call add_field(output, frames, "id", [(int(k*10 + i, i8), i=1, n)], error)
-    call end_frame(output, frames, 0.5_wp*k, error)
+    call end_frame(output, frames, 0.5_dp*k, error)
     call check_true(.not. allocated(error), "write a frame")
   end subroutine write_frame
 
@@ -85,7 +85,7 @@ contains
     character(len=*), intent(in) :: precision
     integer, intent(in) :: interrupted
     type(hdf5_file_t) :: file
-    real(wp), allocatable :: points(:, :), mass(:), times(:)
+    real(dp), allocatable :: points(:, :), mass(:), times(:)
     integer(i8), allocatable :: first(:), part(:), number(:), cells(:, :), offsets(:), connectivity(:), id(:)
     integer(i8) :: steps
     character(len=:), allocatable :: kind
@@ -112,10 +112,10 @@ contains
     call check(size(number), 4, "frames of the same size share a part")
     do k = 1, size(sizes)
       n = sizes(k)
-      call check(times(k), 0.5_wp*k, 0.0_wp, "time of a frame")
+      call check(times(k), 0.5_dp*k, 0.0_dp, "time of a frame")
       call check(int(number(part(k) + 1)), n, "points of a frame")
-      call check(reshape(points(:, first(k) + 1:first(k) + n), [3*n]), [(k + 0.25_wp*i, i=1, 3*n)], 0.0_wp, "points")
-      call check(mass(first(k) + 1:first(k) + n), [(k + 0.25_wp*(3*i - 2), i=1, n)], 0.0_wp, "a field")
+      call check(reshape(points(:, first(k) + 1:first(k) + n), [3*n]), [(k + 0.25_dp*i, i=1, 3*n)], 0.0_dp, "points")
+      call check(mass(first(k) + 1:first(k) + n), [(k + 0.25_dp*(3*i - 2), i=1, n)], 0.0_dp, "a field")
       call check_true(all(id(first(k) + 1:first(k) + n) == [(int(k*10 + i, i8), i=1, n)]), "an integer field")
       ! a reader finds the cells of a part at the sum of cells before plus one for each part before
       call check_true(all(offsets(cells(1, k) + part(k) + 1:cells(1, k) + part(k) + n + 1) == [(i, i=0, n)]), "offsets")
@@ -126,8 +126,8 @@ contains
   subroutine misuse()
     type(output_file_t) :: output
     type(frames_t) :: frames
-    real(wp) :: x(3, 2)
-    x = 1.0_wp
+    real(dp) :: x(3, 2)
+    x = 1.0_dp
     call open_output(name, .false., output, error)
     call check_true(allocated(error), "an existing file is refused")
     call open_output(name, .true., output, error)
@@ -145,12 +145,12 @@ contains
     call check_true(.not. allocated(error), "a sound field")
     call add_field(output, frames, "mass", x(1, :), error)
     call check_true(allocated(error), "a field only once")
-    call end_frame(output, frames, 0.0_wp, error)
+    call end_frame(output, frames, 0.0_dp, error)
     call check_true(.not. allocated(error), "a sound frame")
     call begin_frame(output, frames, x, error)
     call add_field(output, frames, "new", x(1, :), error)
     call check_true(allocated(error), "no new field after the first frame")
-    call end_frame(output, frames, 1.0_wp, error)
+    call end_frame(output, frames, 1.0_dp, error)
     call check_true(allocated(error), "a missing field is told")
     if (allocated(error)) call check_true(index(error%message, "mass") > 0, "and named")
     call close_output(output, error)

@@ -1,6 +1,6 @@
 !> The complete scene reads back as the same scene, in all dimensions and with every group
 program test_scene_echo
-  use gimp_kinds, only: wp
+  use gimp_common_kinds, only: dp
   use gimp_check, only: begin_suite, end_suite, check, check_true
   use gimp_error, only: error_t
   use gimp_text, only: word_in
@@ -59,9 +59,9 @@ contains
       call check(count_groups(again, trim(scene%group(k)%name)), count_groups(scene, trim(scene%group(k)%name)), &
                  "number of &"//trim(scene%group(k)%name)//", "//what)
     end do
-    call check(real_of(again, "material", 2, "poisson_ratio"), real_of(scene, "material", 2, "poisson_ratio"), 0.0_wp, &
+    call check(real_of(again, "material", 2, "poisson_ratio"), real_of(scene, "material", 2, "poisson_ratio"), 0.0_dp, &
                "a number with all its digits, "//what)
-    call check(reals_of(again, "body", 1, "velocity"), reals_of(scene, "body", 1, "velocity"), 0.0_wp, "velocity, "//what)
+    call check(reals_of(again, "body", 1, "velocity"), reals_of(scene, "body", 1, "velocity"), 0.0_dp, "velocity, "//what)
     call check(text_of_key(again, "material", 1, "name"), text_of_key(scene, "material", 1, "name"), "quotes, "//what)
     call check(text_of_key(again, "scene", 1, "title"), text_of_key(scene, "scene", 1, "title"), "title, "//what)
     call check(word_of(again, "scene", 1, "kinematics"), word_of(scene, "scene", 1, "kinematics"), "kinematics, "//what)
@@ -90,7 +90,7 @@ contains
     integer :: k
     text = ""
     do k = 1, 200
-      write (point, "(2(f9.6, a))") 0.5_wp + 0.3_wp*cos(0.0314_wp*k), ",", 0.5_wp + 0.3_wp*sin(0.0314_wp*k), ","
+      write (point, "(2(f9.6, a))") 0.5_dp + 0.3_dp*cos(0.0314_dp*k), ",", 0.5_dp + 0.3_dp*sin(0.0314_dp*k), ","
       text = text//trim(point)
     end do
     call parse_scene('&scene dimension = 2 / &grid lower = 2*0 upper = 2*1 spacing = 0.1 / &time end = 1 /'// &
@@ -100,7 +100,7 @@ contains
     call echo_scene(scene, text)
     call check_true(longest_line(text) <= 132, "a long list is broken into lines")
     call parse_scene(text, again, error)
-    call check(reals_of(again, "body", 1, "points"), reals_of(scene, "body", 1, "points"), 0.0_wp, "its corners")
+    call check(reals_of(again, "body", 1, "points"), reals_of(scene, "body", 1, "points"), 0.0_dp, "its corners")
   end subroutine test_long_list
 
   !> Only what is read stands in the complete scene

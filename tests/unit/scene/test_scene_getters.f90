@@ -1,6 +1,6 @@
 !> What a sound scene answers: values as written, defaults, lines
 program test_scene_getters
-  use gimp_kinds, only: wp, pi
+  use gimp_common_kinds, only: dp, pi
   use gimp_check, only: begin_suite, end_suite, check, check_true
   use gimp_error, only: error_t
   use gimp_scene, only: scene_t, parse_scene, count_groups, is_given, line_of, complain, real_of, reals_of, integer_of, &
@@ -48,16 +48,16 @@ contains
     call check(text_of_key(scene, "scene", 1, "title"), "A title", "a text as written")
     call check(integer_of(scene, "scene", 1, "dimension"), 2, "a key in capital letters")
     call check(scene%dimension, 2, "dimension of the scene")
-    call check(reals_of(scene, "grid", 1, "lower"), [-1.0_wp, 0.0_wp], 0.0_wp, "a list")
-    call check(reals_of(scene, "grid", 1, "upper"), [1.0_wp, 1.0_wp], 0.0_wp, "a repeated value")
-    call check(real_of(scene, "material", 1, "density"), 1000.0_wp, 0.0_wp, "a number with d")
-    call check(real_of(scene, "material", 2, "density"), 2000.0_wp, 0.0_wp, "a whole number as a real, second group")
+    call check(reals_of(scene, "grid", 1, "lower"), [-1.0_dp, 0.0_dp], 0.0_dp, "a list")
+    call check(reals_of(scene, "grid", 1, "upper"), [1.0_dp, 1.0_dp], 0.0_dp, "a repeated value")
+    call check(real_of(scene, "material", 1, "density"), 1000.0_dp, 0.0_dp, "a number with d")
+    call check(real_of(scene, "material", 2, "density"), 2000.0_dp, 0.0_dp, "a whole number as a real, second group")
     call check(text_of_key(scene, "material", 1, "name"), "Steel", "a name keeps its capitals")
     call check(word_of(scene, "body", 1, "shape"), "box", "a word loses its capitals")
     call check(size(integers_of(scene, "body", 1, "particles_per_axis")), 2, "one number for all axes")
     call check(sum(integers_of(scene, "body", 1, "particles_per_axis")), 6, "one number for all axes")
     call check(minval(integers_of(scene, "body", 2, "particles_per_axis")), 2, "a number per axis")
-    call check(reals_of(scene, "body", 2, "velocity"), [1.0_wp, -2.0e-3_wp], 0.0_wp, "velocity")
+    call check(reals_of(scene, "body", 2, "velocity"), [1.0_dp, -2.0e-3_dp], 0.0_dp, "velocity")
     call check_true(logical_of(scene, "output", 1, "csv"), "a logical")
     call check(size(texts_of(scene, "output", 1, "fields")), 2, "a list of words")
     call check(trim(texts_of_nth(2)), "density", "second word")
@@ -82,15 +82,15 @@ contains
     call read_2d("")
     call check(count_groups(scene, "method"), 0, "no &method")
     call check(word_of(scene, "method", 1, "basis"), "cpgimp", "default word of an absent group")
-    call check(real_of(scene, "method", 1, "flip_fraction"), 0.95_wp, 0.0_wp, "default number of an absent group")
+    call check(real_of(scene, "method", 1, "flip_fraction"), 0.95_dp, 0.0_dp, "default number of an absent group")
     call check_true(logical_of(scene, "method", 1, "half_step_start"), "default logical")
     call check(text_of_key(scene, "output", 1, "name"), "gimp", "default text")
     call check(trim(texts_of_nth(3)), "stress", "default list of words")
     call check(integer_of(scene, "output", 1, "history_every"), 10, "default whole number")
-    call check(real_of(scene, "time", 1, "courant"), 0.4_wp, 0.0_wp, "default number")
+    call check(real_of(scene, "time", 1, "courant"), 0.4_dp, 0.0_dp, "default number")
     call check(word_of(scene, "material", 1, "hardening"), "none", "default word of a model")
-    call check(real_of(scene, "material", 1, "cohesion"), 0.0_wp, 0.0_wp, "default of a key that is not read")
-    call check(reals_of(scene, "body", 1, "velocity"), [0.0_wp, 0.0_wp], 0.0_wp, "a default for each axis")
+    call check(real_of(scene, "material", 1, "cohesion"), 0.0_dp, 0.0_dp, "default of a key that is not read")
+    call check(reals_of(scene, "body", 1, "velocity"), [0.0_dp, 0.0_dp], 0.0_dp, "a default for each axis")
     call check(size(reals_of(scene, "body", 1, "velocity_gradient")), 4, "a default tensor")
     call check(size(reals_of(scene, "body", 1, "angular_velocity")), 1, "one spin in 2D")
     call check(size(reals_of(scene, "body", 1, "rotation_center")), 0, "no default to tell")
@@ -103,7 +103,7 @@ contains
     integer :: d, k
     character(len=*), parameter :: fitting(3) = [character(len=15) :: "uniaxial_strain", "plane_strain", "full"]
     character(len=1), parameter :: digit(3) = ["1", "2", "3"]
-    real(wp), allocatable :: f(:)
+    real(dp), allocatable :: f(:)
     do d = 1, 3
       call read_text("&scene dimension = "//digit(d)//" / &grid lower = "//digit(d)//"*0 upper = "//digit(d)// &
                      "*1 spacing = 0.25 /"//rest//'&body name = "b" material = "soil" shape = "box" lower = '//digit(d)// &
@@ -113,8 +113,8 @@ contains
       call check(size(reals_of(scene, "body", 1, "velocity")), d, "velocity in "//digit(d)//"D")
       f = reals_of(scene, "body", 1, "deformation_gradient")
       call check(size(f), d*d, "deformation gradient in "//digit(d)//"D")
-      call check(sum(f), real(d, wp), 0.0_wp, "its trace and nothing beside")
-      call check(sum([(f((k - 1)*d + k), k=1, d)]), real(d, wp), 0.0_wp, "identity in "//digit(d)//"D")
+      call check(sum(f), real(d, dp), 0.0_dp, "its trace and nothing beside")
+      call check(sum([(f((k - 1)*d + k), k=1, d)]), real(d, dp), 0.0_dp, "identity in "//digit(d)//"D")
       call check(size(integers_of(scene, "body", 1, "particles_per_axis")), d, "particles per axis in "//digit(d)//"D")
       f = reals_of(scene, "verification", 1, "phases")
       call check(size(f), d, "phases in "//digit(d)//"D")
@@ -127,13 +127,13 @@ contains
   !> Defaults that follow a word
   subroutine test_by_solution()
     call read_2d('&verification solution = "vortex" /')
-    call check(real_of(scene, "verification", 1, "amplitude"), 0.1_wp, 0.0_wp, "amplitude of the vortex")
-    call check(real_of(scene, "verification", 1, "outer_radius"), 1.25_wp, 0.0_wp, "outer radius of the vortex")
+    call check(real_of(scene, "verification", 1, "amplitude"), 0.1_dp, 0.0_dp, "amplitude of the vortex")
+    call check(real_of(scene, "verification", 1, "outer_radius"), 1.25_dp, 0.0_dp, "outer radius of the vortex")
     call read_2d('&verification solution = "expanding_ring" /')
-    call check(real_of(scene, "verification", 1, "inner_radius"), 0.4_wp, 0.0_wp, "inner radius of the ring")
+    call check(real_of(scene, "verification", 1, "inner_radius"), 0.4_dp, 0.0_dp, "inner radius of the ring")
     call read_2d('&verification solution = "axis_aligned" /')
-    call check(real_of(scene, "verification", 1, "amplitude"), 0.05_wp, 0.0_wp, "amplitude of the axis-aligned motion")
-    call check(real_of(scene, "verification", 1, "period"), 1.0_wp, 0.0_wp, "default of a key that is not read")
+    call check(real_of(scene, "verification", 1, "amplitude"), 0.05_dp, 0.0_dp, "amplitude of the axis-aligned motion")
+    call check(real_of(scene, "verification", 1, "period"), 1.0_dp, 0.0_dp, "default of a key that is not read")
   end subroutine test_by_solution
 
   !> Messages of those who find a mistake later

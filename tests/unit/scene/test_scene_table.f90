@@ -1,6 +1,6 @@
 !> The key table holds what it promises: nothing cut off, defaults that would be accepted, conditions that can hold
 program test_scene_table
-  use gimp_kinds, only: wp
+  use gimp_common_kinds, only: dp
   use gimp_check, only: begin_suite, end_suite, check, check_true
   use gimp_text, only: word_in, count_words, nth_word
   use gimp_scene_keys
@@ -108,12 +108,12 @@ contains
   subroutine test_default(key, default, what)
     type(key_t), intent(in) :: key
     character(len=*), intent(in) :: default, what
-    real(wp) :: number
+    real(dp) :: number
     integer :: i, whole, status
     logical :: truth
     do i = 1, count_values(default)
       status = 0
-      number = 1.0_wp
+      number = 1.0_dp
       select case (key%kind)
       case (kind_real)
         call parse_real(nth_value(default, i), number, status)

@@ -1,6 +1,6 @@
 !> Single values: what counts as a number, exact text, ranges in words
 program test_scene_values
-  use gimp_kinds, only: wp
+  use gimp_common_kinds, only: dp
   use gimp_check, only: begin_suite, end_suite, check, check_true
   use gimp_scene_values, only: parse_real, parse_integer, parse_logical, exact_text, quoted_text, in_range, range_words, &
                                count_values, nth_value
@@ -18,18 +18,18 @@ contains
 
   !> Every way to write a number; reading is exact, so the tolerance is zero
   subroutine test_numbers()
-    call real_is("1", 1.0_wp)
-    call real_is("-1.5", -1.5_wp)
-    call real_is("+.5", 0.5_wp)
-    call real_is("5.", 5.0_wp)
-    call real_is("1e3", 1000.0_wp)
-    call real_is("1.0D-3", 0.001_wp)
-    call real_is("2.5E+02", 250.0_wp)
-    call real_is("0.0", 0.0_wp)
-    call real_is("0e999999999999", 0.0_wp)
-    call real_is("1e-400", 0.0_wp)
-    call real_is("0.00001e10", 1.0e5_wp)
-    call real_is("100000e302", 1.0e307_wp)
+    call real_is("1", 1.0_dp)
+    call real_is("-1.5", -1.5_dp)
+    call real_is("+.5", 0.5_dp)
+    call real_is("5.", 5.0_dp)
+    call real_is("1e3", 1000.0_dp)
+    call real_is("1.0D-3", 0.001_dp)
+    call real_is("2.5E+02", 250.0_dp)
+    call real_is("0.0", 0.0_dp)
+    call real_is("0e999999999999", 0.0_dp)
+    call real_is("1e-400", 0.0_dp)
+    call real_is("0.00001e10", 1.0e5_dp)
+    call real_is("100000e302", 1.0e307_dp)
   end subroutine test_numbers
 
   subroutine test_refused_numbers()
@@ -48,22 +48,22 @@ contains
 
   subroutine real_is(text, expected)
     character(len=*), intent(in) :: text
-    real(wp), intent(in) :: expected
-    real(wp) :: value
+    real(dp), intent(in) :: expected
+    real(dp) :: value
     integer :: status
     call parse_real(text, value, status)
     call check(status, 0, "number "//text)
-    call check(value, expected, 0.0_wp, "number "//text)
+    call check(value, expected, 0.0_dp, "number "//text)
   end subroutine real_is
 
   subroutine status_is(text, expected)
     character(len=*), intent(in) :: text
     integer, intent(in) :: expected
-    real(wp) :: value
+    real(dp) :: value
     integer :: status
     call parse_real(text, value, status)
     call check(status, expected, "status of '"//text//"'")
-    call check(value, 0.0_wp, 0.0_wp, "value of refused '"//text//"'")
+    call check(value, 0.0_dp, 0.0_dp, "value of refused '"//text//"'")
   end subroutine status_is
 
   subroutine test_wholes_and_logicals()
@@ -89,15 +89,15 @@ contains
 
   !> What is written reads back as the same bits
   subroutine test_exact_text()
-    real(wp) :: value, again
+    real(dp) :: value, again
     integer :: k, status
-    call check(exact_text(0.1_wp), "0.1", "shortest text")
-    call check(exact_text(3.0_wp), "3.0", "a real stays a real")
-    call check(exact_text(1.0e-12_wp), "1e-12", "shortest exponent")
-    value = 1.0_wp
+    call check(exact_text(0.1_dp), "0.1", "shortest text")
+    call check(exact_text(3.0_dp), "3.0", "a real stays a real")
+    call check(exact_text(1.0e-12_dp), "1e-12", "shortest exponent")
+    value = 1.0_dp
     do k = 1, 600
-      value = -value*1.7320508075688772_wp
-      if (k == 300) value = 1.1e-160_wp
+      value = -value*1.7320508075688772_dp
+      if (k == 300) value = 1.1e-160_dp
       call parse_real(exact_text(value), again, status)
       call check_true(status == 0 .and. again == value, "exact text "//exact_text(value))
     end do
@@ -105,10 +105,10 @@ contains
   end subroutine test_exact_text
 
   subroutine test_ranges()
-    call check_true(in_range(0.5_wp, "(0,1]") .and. in_range(1.0_wp, "(0,1]"), "inside a half-open range")
-    call check_true(.not. in_range(0.0_wp, "(0,1]") .and. .not. in_range(1.5_wp, "(0,1]"), "outside a half-open range")
-    call check_true(in_range(-1.0e30_wp, "") .and. in_range(1.0e30_wp, "[1,)"), "open ends")
-    call check_true(.not. in_range(1.0_wp, "(,1)"), "only an upper end")
+    call check_true(in_range(0.5_dp, "(0,1]") .and. in_range(1.0_dp, "(0,1]"), "inside a half-open range")
+    call check_true(.not. in_range(0.0_dp, "(0,1]") .and. .not. in_range(1.5_dp, "(0,1]"), "outside a half-open range")
+    call check_true(in_range(-1.0e30_dp, "") .and. in_range(1.0e30_dp, "[1,)"), "open ends")
+    call check_true(.not. in_range(1.0_dp, "(,1)"), "only an upper end")
     call check(range_words("(0,)"), "above 0", "range in words")
     call check(range_words("[0,89)"), "at least 0 and below 89", "range in words")
     call check(range_words("(0,1]"), "above 0 and at most 1", "range in words")

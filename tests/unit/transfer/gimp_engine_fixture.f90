@@ -1,6 +1,6 @@
 !> Engines made without a scene: a cloud of particles as plain tables, and the grid around it
 module gimp_engine_fixture
-  use gimp_kinds, only: wp, i8, lanes
+  use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_grid, only: make_grid, nodes_per_block, fields_per_node
   use gimp_particles, only: add_field, allot_chunks, clear_chunks, group_t
   use gimp_basis, only: basis_linear, basis_cpgimp
@@ -114,11 +114,11 @@ contains
     logical, intent(in), optional :: with_force, with_faces
     logical, intent(in), optional :: uniform !! half lengths of the first particle for all, not stored with each
     integer, intent(in), optional :: affine !! kind of affine transfer; the gradients carried start at zero
-    real(wp) :: zero(3)
+    real(dp) :: zero(3)
     integer :: m, i, k, c, l, chunks, of_material
     logical :: stores_half
-    zero = 0.0_wp
-    engine%grid = make_grid(dim, zero, cells*spacing, spacing)
+    zero = 0.0_dp
+    engine%grid = make_grid(dim, zero, cells*real(spacing, dp), real(spacing, dp))
     engine%basis = basis
     allocate (engine%laws(maxval(cloud%material)))
     do m = 1, size(engine%laws)
@@ -171,7 +171,7 @@ contains
           end if
           p%id(l, c) = cloud%id(i)
           call set_field(p%position%first, cloud%x(:dim, i))
-          call set_field(p%reference%first, cloud%x(:dim, i)*spacing)
+          call set_field(p%reference%first, cloud%x(:dim, i))
           call set_field(p%velocity%first, cloud%v(:dim, i))
           call set_field(p%deformation%first, [(cloud%f(3*(k - 1) + 1:3*(k - 1) + dim, i), k=1, dim)])
           call set_field(p%mass%first, [cloud%mass(i)])

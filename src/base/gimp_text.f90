@@ -1,13 +1,13 @@
 !> Small text helpers: numbers in words, lower case, lists of words
 module gimp_text
-  use gimp_kinds, only: wp, i8
+  use gimp_common_kinds, only: sp, dp, i8
   implicit none(type, external)
   private
   public :: text_of, lower, word_in, count_words, nth_word, with_thousands, short_number
 
   !> A number as text without blanks around it
   interface text_of
-    module procedure text_of_integer, text_of_long, text_of_real, text_of_logical
+    module procedure text_of_integer, text_of_long, text_of_real, text_of_single, text_of_logical
   end interface text_of
 
 contains
@@ -30,21 +30,21 @@ contains
 
   !> Up to `digits` significant digits (6 if absent), no trailing zeros, a leading zero before the point
   pure function text_of_real(value, digits) result(text)
-    real(wp), intent(in) :: value
+    real(dp), intent(in) :: value
     integer, intent(in), optional :: digits
     character(len=:), allocatable :: text
     character(len=40) :: buffer, form
     integer :: n, e, mark
     n = 6
     if (present(digits)) n = digits
-    if (value == 0.0_wp) then
+    if (value == 0.0_dp) then
       text = "0"
       return
     end if
     if (.not. abs(value) <= huge(value)) then
       text = "NaN"
-      if (value > 0.0_wp) text = "Infinity"
-      if (value < 0.0_wp) text = "-Infinity"
+      if (value > 0.0_dp) text = "Infinity"
+      if (value < 0.0_dp) text = "-Infinity"
       return
     end if
     e = floor(log10(abs(value)))
@@ -83,6 +83,14 @@ contains
     end if
   end function text_of_real
 
+  !> The same for a number in single precision, which has seven digits to show at most
+  pure function text_of_single(value, digits) result(text)
+    real(sp), intent(in) :: value
+    integer, intent(in), optional :: digits
+    character(len=:), allocatable :: text
+    text = text_of_real(real(value, dp), digits)
+  end function text_of_single
+
   pure function text_of_logical(value) result(text)
     logical, intent(in) :: value
     character(len=:), allocatable :: text
@@ -106,14 +114,14 @@ contains
 
   !> A number with a suffix: 1.23 k, 4.5 M, 6.7 G
   pure function short_number(value) result(text)
-    real(wp), intent(in) :: value
+    real(dp), intent(in) :: value
     character(len=:), allocatable :: text
-    if (abs(value) >= 1.0e9_wp) then
-      text = text_of(value*1.0e-9_wp, 3)//" G"
-    else if (abs(value) >= 1.0e6_wp) then
-      text = text_of(value*1.0e-6_wp, 3)//" M"
-    else if (abs(value) >= 1.0e4_wp) then
-      text = text_of(value*1.0e-3_wp, 3)//" k"
+    if (abs(value) >= 1.0e9_dp) then
+      text = text_of(value*1.0e-9_dp, 3)//" G"
+    else if (abs(value) >= 1.0e6_dp) then
+      text = text_of(value*1.0e-6_dp, 3)//" M"
+    else if (abs(value) >= 1.0e4_dp) then
+      text = text_of(value*1.0e-3_dp, 3)//" k"
     else
       text = text_of(value, 4)//" "
     end if

@@ -1,6 +1,6 @@
 !> Wall-clock time
 module gimp_timer
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: dp, i8
   implicit none(type, external)
   private
   public :: seconds_now

@@ -1,6 +1,6 @@
 !> Sums in a fixed order: to round-off of the result, and the same on any number of threads
 program test_accumulator
-  use gimp_kinds, only: wp, dp
+  use gimp_common_kinds, only: dp
   use gimp_accumulator, only: block_sum, column_sums
   use gimp_text, only: text_of
   use gimp_check, only: begin_suite, end_suite, check, check_true
@@ -24,9 +24,9 @@ contains
     values(1, 2:300:3) = -1.0e16_dp
     values(2, :) = 1.0_dp
     call column_sums(values, sums)
-    call check(real(block_sum(values(1, :)), wp), 0.101_wp, 1.0e-15_wp, "small terms survive in a sum")
-    call check(real(sums(1), wp), 0.101_wp, 1.0e-15_wp, "and in sums of columns")
-    call check(real(sums(2), wp), 301.0_wp, 0.0_wp, "every column counts once")
+    call check(real(block_sum(values(1, :)), dp), 0.101_dp, 1.0e-15_dp, "small terms survive in a sum")
+    call check(real(sums(1), dp), 0.101_dp, 1.0e-15_dp, "and in sums of columns")
+    call check(real(sums(2), dp), 301.0_dp, 0.0_dp, "every column counts once")
     call column_sums(values(:, :0), sums)
     call check_true(all(sums == 0.0_dp), "no column: zero")
   end subroutine test_carry

@@ -1,6 +1,6 @@
 !> The hash table keeps every key through growth and collisions; the radix sort is right and stable
 program test_hash_sorting
-  use gimp_kinds, only: i8
+  use gimp_common_kinds, only: i8
   use gimp_hash_table, only: hash_table_t, clear_table, insert_key, find_key, mix_bits
   use gimp_sorting, only: sort_order, rank_keys
   use gimp_check, only: begin_suite, end_suite, check, check_true

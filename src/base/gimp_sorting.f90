@@ -1,6 +1,6 @@
 !> Sorting of long integers: least-significant-digit radix sort, stable
 module gimp_sorting
-  use gimp_kinds, only: i8
+  use gimp_common_kinds, only: i8
   implicit none(type, external)
   private
   public :: sort_order, rank_keys

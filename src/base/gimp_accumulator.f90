@@ -1,6 +1,6 @@
 !> Sums in a fixed order with a carry (Neumaier 1974): thousands of blocks add up to round-off of the result, not of the count
 module gimp_accumulator
-  use gimp_kinds, only: dp
+  use gimp_common_kinds, only: dp
   implicit none(type, external)
   private
   public :: add_to, block_sum, column_sums

@@ -1,6 +1,6 @@
 !> A table from 64-bit keys to small integers: open addressing with linear probing, grows by itself
 module gimp_hash_table
-  use gimp_kinds, only: i8
+  use gimp_common_kinds, only: i8
   implicit none(type, external)
   private
   public :: hash_table_t, clear_table, insert_key, find_key, list_keys, mix_bits

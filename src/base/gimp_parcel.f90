@@ -3,7 +3,7 @@
 !> The owner of a state names each part once, with `carry`: the same list packs and unpacks, so that the two cannot differ.
 !> A parcel that holds less than is asked for, or another length of a list, is told by `sound`; values are then left alone.
 module gimp_parcel
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: sp, dp, i8
   implicit none(type, external)
   private
   public :: parcel_t, carry, carry_bits, pack_parcel, unpack_parcel, is_used_up
@@ -18,7 +18,7 @@ module gimp_parcel
 
   !> Put a value in, or take it out; a list comes out with the length it had
   interface carry
-    module procedure carry_long, carry_integer, carry_real, carry_logical, carry_text, carry_longs, carry_reals
+    module procedure carry_long, carry_integer, carry_real, carry_single, carry_logical, carry_text, carry_longs, carry_reals
   end interface carry
 
 contains
@@ -69,6 +69,15 @@ contains
     call carry_bits(parcel, one)
     value = transfer(one, value)
   end subroutine carry_real
+
+  pure subroutine carry_single(parcel, value)
+    type(parcel_t), intent(inout) :: parcel
+    real(sp), intent(inout) :: value
+    real(dp) :: same
+    same = real(value, dp)
+    call carry_real(parcel, same)
+    value = real(same, sp)
+  end subroutine carry_single
 
   pure subroutine carry_logical(parcel, value)
     type(parcel_t), intent(inout) :: parcel

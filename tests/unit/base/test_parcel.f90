@@ -1,6 +1,6 @@
 !> What is packed comes out again, and a parcel that holds something else is told
 program test_parcel
-  use gimp_kinds, only: dp, i8
+  use gimp_common_kinds, only: dp, i8
   use gimp_parcel, only: parcel_t, carry, carry_bits, pack_parcel, unpack_parcel, is_used_up
   use gimp_check, only: begin_suite, end_suite, check, check_true
   implicit none(type, external)

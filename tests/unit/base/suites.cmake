@@ -1,0 +1,3 @@
+gimp_add_unit_test(base test_hash_sorting)
+gimp_add_unit_test(base test_accumulator)
+gimp_add_unit_test(base test_parcel)
