@@ -51,6 +51,11 @@ class Measurement:
         return self.case != "mixed3d" and (self.transfer == "flip" or (self.basis, self.transfer) == ("bspline2", "mls"))
 
     @property
+    def affine_mass(self):
+        """Mass of all particles where a transfer with affine parts is compared; None elsewhere"""
+        return DENSITY*0.5**self.dimension if self.same_step and self.transfer != "flip" else None
+
+    @property
     def floor(self):
         """The ratio below which it is a defect; none where the reference does another step"""
         return FLOORS.get(self.case, FLOOR if self.same_step else None)

@@ -62,14 +62,22 @@ def run_reference(program, side, steps, sort_every, prefix, environment):
     return {"ns": 1e3*told["threads"]/told["mean_mpps"], "energy": told["energy"], "particles": told["particles"], "busy": used["busy"]}
 
 
-def run_product(text, folder, name, program, prefix, environment, keep=False):
-    """One run of gimp.x: the same figures from its output file, and what it says about memory and phases"""
+def run_product(text, folder, name, program, prefix, environment, keep=False, mass=None):
+    """One run of gimp.x: the same figures from its output file, and what it says about memory and phases
+
+    With `mass` (of all particles, equal ones) the kinetic energy is that of their velocities alone, as the reference gives it:
+    the history counts the affine parts as well.
+    """
     text = namelist.set_key(namelist.set_key(text, "output.name", name), "output.overwrite", True)
     code, out, err, used = run_child([*prefix, program], environment, folder, text)
     if code != 0:
         raise gf.GimpError(f"gimp.x ended with code {code}: {first_words(err or out)}")
     output = Path(folder) / f"{name}.vtkhdf"
     told, table = gf.summary(output), gf.history(output)
+    energy = None
+    if mass:
+        *_, frame = gf.frames(output, "last", ["velocity"])
+        energy = 0.5*mass*float((frame.get("velocity").astype(float)**2).sum())/len(frame)
     if not keep:
         output.unlink()  # a run of millions of particles leaves a large file
     for key in ("particle_steps_per_core_second", "steps", "particles"):
@@ -79,7 +87,7 @@ def run_product(text, folder, name, program, prefix, environment, keep=False):
     wall = told.get("wall_seconds")
     shares = {name: told[f"seconds_{name}"]/wall for name in PHASES if wall and f"seconds_{name}" in told}
     plastic = float(table["plastic_dissipation"][-1]) if last and "plastic_dissipation" in table else None
-    return {"ns": 1e9/told["particle_steps_per_core_second"], "energy": float(table["kinetic_energy"][-1]) if last else None,
+    return {"ns": 1e9/told["particle_steps_per_core_second"], "energy": (energy or float(table["kinetic_energy"][-1])) if last else None,
             "particles": int(told["particles"]), "steps": int(told["steps"]), "bytes": told.get("bytes_per_particle"),
             "state_bytes": told.get("state_bytes_per_particle"), "commit": told.get("commit"), "shares": shares,
             "plastic_dissipation": plastic, "output": output, **used}
@@ -146,7 +154,7 @@ def measure(m, pairs, build_folder, build, reference_folder, steps=None, sort_ev
             if m.threads > 1:
                 trips += machine.roofline(roofline, ["--only", "core_to_core", "--seconds", "0.02"], m.threads)
             references.append(run_reference(reference, m.side, steps, sort_every, prefix, environment))
-            products.append(run_product(scene, folder, "run", program, prefix, environment))
+            products.append(run_product(scene, folder, "run", program, prefix, environment, mass=m.affine_mass))
             if m.threads > 1:
                 alone.append(run_product(scene, folder, "run", program, *machine.pinning(1)))
             tell(f"    pair {pair} of {pairs}: {products[-1]['ns']:.1f} ns, reference {references[-1]['ns']:.1f} ns")
