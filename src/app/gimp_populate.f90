@@ -3,17 +3,17 @@ module gimp_populate
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_error, only: error_t, add_error, raise
   use gimp_text, only: text_of
-  use gimp_shapes, only: shape_t, shape_words, shape_none, shape_box, shape_sphere, shape_cylinder, shape_ring, shape_polygon, &
+  use gimp_shapes, only: shape_none, shape_box, shape_sphere, shape_cylinder, shape_ring, shape_polygon, &
     shape_center
   use gimp_fill, only: fill_t, fill_body_t, fill_bodies
   use gimp_particle_file, only: particle_table_t, read_particle_file
-  use gimp_particles, only: particles_t, add_field, allot_chunks, clear_chunks, group_t
+  use gimp_particles, only: add_field, allot_chunks, clear_chunks, group_t
   use gimp_basis, only: basis_linear, basis_cpgimp
   use gimp_domains, only: domain_half_lengths
   use gimp_verification, only: verification_t, exact_motion
   use gimp_measures, only: chunk_reference
   use gimp_snapshot, only: needs_reference
-  use gimp_stepper, only: stepper_t
+  use gimp_run_state, only: stepper_t
   use gimp_engine, only: affine_none
   use gimp_material, only: most_states
   use gimp_loads, only: load_point

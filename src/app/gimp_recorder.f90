@@ -18,7 +18,7 @@ module gimp_recorder
     chunk_stress, chunk_deformation
   use gimp_snapshot, only: rank_particles, sample_positions, sample_field, field_components
   use gimp_books, only: energy_residual, energy_drift, stress_update_error
-  use gimp_stepper, only: stepper_t
+  use gimp_run_state, only: stepper_t
   implicit none(type, external)
   private
   public :: recorder_t, open_recorder, record_frame, record_row, close_recorder, record_failure, next_frame_time

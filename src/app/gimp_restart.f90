@@ -7,7 +7,7 @@
 !> depends on threads.
 module gimp_restart
   use gimp_kinds, only: wp, dp, i8, lanes, precision_word
-  use gimp_error, only: error_t, raise, add_error
+  use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
   use gimp_timer, only: seconds_now
   use gimp_parcel, only: parcel_t, carry, pack_parcel, is_used_up
@@ -21,7 +21,8 @@ module gimp_restart
   use gimp_checkpoint, only: newest_path, begin_checkpoint, end_checkpoint, drop_checkpoint, open_checkpoint, twin_of, &
     write_parcel, read_parcel, check_lineage
   use gimp_saved_state, only: recall_groups
-  use gimp_stepper, only: stepper_t, carry_stepper, resume_run
+  use gimp_run_state, only: stepper_t, carry_stepper
+  use gimp_stepper, only: resume_run
   use gimp_recorder, only: recorder_t, keep_record, unpack_record
   use gimp_report, only: costs_t
   implicit none(type, external)

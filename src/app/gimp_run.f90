@@ -8,8 +8,8 @@ module gimp_run
   use gimp_verification, only: verification_t
   use gimp_measures, only: nearest_particle
   use gimp_loads, only: load_point
-  use gimp_stepper, only: stepper_t, start_run, plan_step, take_step
-  use gimp_step_size, only: rule_adaptive
+  use gimp_run_state, only: stepper_t
+  use gimp_stepper, only: start_run, plan_step, take_step
   use gimp_setup, only: set_up_scene, set_up_threads, body_named
   use gimp_populate, only: population_t, count_particles, populate
   use gimp_recorder, only: recorder_t, open_recorder, record_frame, record_row, close_recorder, record_failure, next_frame_time, &

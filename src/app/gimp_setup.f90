@@ -1,12 +1,11 @@
 !> From a checked scene to a run that can start: grid, sides, materials, method, time, loads and the exact solution
 module gimp_setup
-  use gimp_kinds, only: wp, dp, i8, lanes, precision_word
+  use gimp_kinds, only: wp, dp, precision_word
   use gimp_error, only: error_t, add_error
   use gimp_text, only: text_of
   use gimp_grid, only: make_grid
   use gimp_basis, only: basis_of_word, basis_linear, basis_cpgimp, basis_ugimp, spline_degree
   use gimp_domains, only: domain_of_word
-  use gimp_material, only: material_t
   use gimp_material_options, only: material_options_t
   use gimp_material_table, only: make_material
   use gimp_verification, only: verification_t, verification_options_t, make_verification, has_body_force
@@ -14,7 +13,7 @@ module gimp_setup
   use gimp_walls, only: walls_t, set_walls, side_of_word, condition_of_word
   use gimp_time_table, only: time_table_t
   use gimp_loads, only: loads_t, load_traction, load_pressure, load_point, most_face_loads
-  use gimp_stepper, only: stepper_t, scheme_of_word, damping_none, damping_local, damping_kinetic
+  use gimp_run_state, only: stepper_t, scheme_of_word, damping_none, damping_local, damping_kinetic
   use gimp_step_size, only: rule_adaptive, rule_uniform, rule_fixed
   use gimp_stability, only: check_of_word
   use gimp_solution_force, only: solution_force_t

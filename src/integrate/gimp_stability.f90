@@ -17,7 +17,7 @@
 !> per cent from below, some twenty sweeps). A sweep walks weight lists and is rare. Blocks whose coordinates agree modulo 3
 !> share no node: they are worked on at once, colour after colour, so that every sum has one order on any number of threads.
 module gimp_stability
-  use gimp_kinds, only: wp, dp, i8, lanes
+  use gimp_kinds, only: wp, dp, lanes
   use gimp_accumulator, only: block_sum
   use gimp_grid, only: nodes_per_block, has_images
   use gimp_blocks, only: neighbour

@@ -8,7 +8,7 @@
 module gimp_log_strain
   use gimp_kinds, only: wp, lanes
   use gimp_tensor, only: determinant
-  use gimp_tensor_functions, only: strain_of, push_forward_strain, half_logarithm, exponential_of_twice, strain_logarithm
+  use gimp_tensor_functions, only: push_forward_strain, half_logarithm, exponential_of_twice, strain_logarithm
   implicit none(type, external)
   private
   public :: plastic_states, at_plastic_strain, at_strain

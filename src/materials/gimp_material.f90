@@ -1,6 +1,6 @@
 !> What every constitutive model offers.
 !>
-!> A call serves one chunk of eight particles. Spare lanes hold F = I, L = 0 and the state that `start_state` makes of them:
+!> A call serves one chunk of `lanes` particles. Spare lanes hold F = I, L = 0 and the state that `start_state` makes of them:
 !> a model must then give finite numbers. An inverted particle (J <= 0) must not trap either; the caller checks J.
 !>
 !> A history is scalars, then at most one symmetric tensor, which ends it. Its yz and zx components vanish in a plane, and xy

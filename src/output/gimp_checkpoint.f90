@@ -3,7 +3,7 @@
 !> A checkpoint is an HDF5 file with a seal over all its bytes. It is written under another name, waited for, and renamed; the
 !> one before is kept. What is in it is the business of `gimp_restart`.
 module gimp_checkpoint
-  use gimp_common_kinds, only: dp, i8
+  use gimp_common_kinds, only: i8
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of, count_words, nth_word
   use gimp_hash_table, only: mix_bits

@@ -1,4 +1,4 @@
-!> The particles of one rank: chunks of eight lanes, arrays of structures of arrays.
+!> The particles of one rank: chunks of `lanes`, arrays of structures of arrays.
 !>
 !> Order: block, material, cell, id. Each (block, material) group starts a new chunk; spare lanes have no mass. Positions are
 !> relative to the particle's block, in units of the spacing, so that they keep their precision far from the origin and

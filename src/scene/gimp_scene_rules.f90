@@ -5,8 +5,8 @@ module gimp_scene_rules
   use gimp_scene_keys
   use gimp_scene_mistakes, only: mistakes_t, note_mistake, suggestion, or_list
   use gimp_scene_values, only: parse_real, parse_integer, parse_logical, in_range, range_words, quoted_text
-  use gimp_scene_text, only: entry_t, block_t, shown_values
-  use gimp_scene_store, only: scene_t, count_groups, find_entry, find_key, find_group, is_read, is_given, has_value, &
+  use gimp_scene_text, only: entry_t, shown_values
+  use gimp_scene_store, only: scene_t, count_groups, find_entry, find_key, find_group, is_read, is_given, &
                               note_key, note_group, count_wanted, conditions_hold, chosen
   implicit none(type, external)
   private

@@ -10,7 +10,7 @@ module gimp_scene_store
   use gimp_scene_keys
   use gimp_scene_mistakes, only: mistakes_t, note_mistake
   use gimp_scene_values, only: parse_real, parse_integer, parse_logical, count_values, nth_value
-  use gimp_scene_text, only: entry_t, block_t, line_t, shown_values
+  use gimp_scene_text, only: block_t, shown_values
   implicit none(type, external)
   private
   public :: scene_t, count_groups, is_given, line_of, complain, note_key, note_group

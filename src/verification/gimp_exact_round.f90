@@ -2,7 +2,7 @@
 !>
 !> Every procedure works on the `lanes` points of one chunk; arguments as in gimp_exact_flat.
 module gimp_exact_round
-  use gimp_kinds, only: dp, lanes, pi
+  use gimp_kinds, only: dp, lanes
   use gimp_verification_types, only: verification_t, set_at_rest
   implicit none(type, external)
   private

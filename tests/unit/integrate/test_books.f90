@@ -5,7 +5,8 @@ program test_books
   use gimp_domains, only: domain_stretch
   use gimp_error, only: error_t
   use gimp_books, only: books_t, energy_residual, momentum_residual, close_step
-  use gimp_stepper, only: stepper_t, start_run, plan_step, take_step, usf, usl, musl, usavg, damping_local, damping_kinetic
+  use gimp_run_state, only: stepper_t, usf, usl, musl, usavg, damping_local, damping_kinetic
+  use gimp_stepper, only: start_run, plan_step, take_step
   use gimp_step_size, only: rule_fixed
   use gimp_walls, only: side_slip, side_stick, side_velocity, side_periodic, set_walls
   use gimp_loads, only: load_pressure

@@ -6,7 +6,8 @@ program test_redo
   use gimp_engine, only: affine_none, affine_apic
   use gimp_error, only: error_t
   use gimp_step_size, only: limit_word, most_halvings
-  use gimp_stepper, only: stepper_t, start_run, take_step, stepper_bytes, usf, usl, musl, usavg, damping_kinetic
+  use gimp_run_state, only: stepper_t, stepper_bytes, usf, usl, musl, usavg, damping_kinetic
+  use gimp_stepper, only: start_run, take_step
   use gimp_walls, only: side_periodic, side_symmetry, set_walls
   use gimp_engine_fixture, only: cloud_t, lattice_cloud, make_engine, read_cloud
   use gimp_particles, only: live_bytes

@@ -10,7 +10,8 @@ program test_stability
   use gimp_stability, only: critical_step, check_of_word, check_word, check_none, check_gershgorin, check_lanczos, strains_plain, &
     strains_after_kick, strains_smoothed
   use gimp_step_size, only: rule_fixed
-  use gimp_stepper, only: stepper_t, start_run, plan_step, take_step, usf, usl, musl, usavg
+  use gimp_run_state, only: stepper_t, usf, usl, musl, usavg
+  use gimp_stepper, only: start_run, plan_step, take_step
   use gimp_walls, only: walls_t, side_stick, side_periodic, side_symmetry, set_walls
   use gimp_engine_fixture, only: cloud_t, make_cloud, random_cloud, lattice_cloud, make_engine
   use gimp_text, only: text_of

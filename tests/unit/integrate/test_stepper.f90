@@ -5,7 +5,8 @@ program test_stepper
   use gimp_domains, only: domain_stretch
   use gimp_engine, only: engine_t
   use gimp_error, only: error_t
-  use gimp_stepper, only: stepper_t, start_run, plan_step, take_step, usf, usl, musl, usavg, scheme_of_word
+  use gimp_run_state, only: stepper_t, usf, usl, musl, usavg, scheme_of_word
+  use gimp_stepper, only: start_run, plan_step, take_step
   use gimp_step_size, only: rule_fixed, rule_adaptive
   use gimp_walls, only: side_periodic, side_symmetry, set_walls
   use gimp_engine_fixture, only: cloud_t, lattice_cloud, make_engine, read_cloud

@@ -1,0 +1,74 @@
+!> Particles that leave through a free side which takes material out
+module gimp_leaving
+  use gimp_kinds, only: wp, dp, lanes
+  use gimp_particles, only: few_chunks
+  use gimp_material, only: most_states
+  use gimp_chunk_state, only: chunk_deformation, chunk_history
+  use gimp_run_state, only: stepper_t
+  implicit none(type, external)
+  private
+  public :: mark_leaving
+
+
+contains
+
+  !> Particles beyond a free side that takes material out; not allocated when there are none
+  subroutine mark_leaving(s, leaving)
+    type(stepper_t), intent(inout) :: s
+    logical, allocatable, intent(out) :: leaving(:, :)
+    logical, allocatable :: marks(:, :), marked(:)
+    real(dp) :: x
+    integer :: g, c, l, k
+    associate (particles => s%engine%particles, grid => s%engine%grid)
+      allocate (marks(lanes, particles%chunks), marked(size(particles%groups)), source=.false.)
+      !$omp parallel do schedule(static) private(c, l, k, x) if(particles%chunks > few_chunks)
+      do g = 1, size(particles%groups)
+        do c = particles%groups(g)%first, particles%groups(g)%last
+          do l = 1, lanes
+            if (particles%id(l, c) == 0) cycle
+            do k = 1, grid%dim
+              x = real(particles%p(l, k, c), dp) + particles%groups(g)%at(k)*grid%edge(k)
+              if (s%walls%side(1, k)%removes .and. x < 0.0_dp) marks(l, c) = .true.
+              if (s%walls%side(2, k)%removes .and. x > grid%cells(k)) marks(l, c) = .true.
+            end do
+            marked(g) = marked(g) .or. marks(l, c)
+          end do
+        end do
+      end do
+      !$omp end parallel do
+      do g = 1, size(particles%groups)
+        if (.not. marked(g)) cycle
+        do c = particles%groups(g)%first, particles%groups(g)%last
+          do l = 1, lanes
+            if (marks(l, c)) call book_removed(particles%groups(g)%material, c, l)
+          end do
+        end do
+      end do
+    end associate
+    if (any(marked)) call move_alloc(marks, leaving)
+
+  contains
+
+    !> Kinetic and stored energy leave with the particle
+    subroutine book_removed(material, chunk, lane)
+      integer, intent(in) :: material, chunk, lane
+      real(wp) :: f(lanes, 9), energy(lanes), history(lanes, most_states)
+      real(dp) :: moving
+      integer :: d, v
+      d = s%engine%grid%dim
+      call chunk_deformation(s%engine%particles, chunk, f)
+      call chunk_history(s%engine%particles, chunk, history)
+      v = s%engine%particles%velocity%first
+      associate (p => s%engine%particles%p, particles => s%engine%particles)
+        call s%engine%laws(material)%law%stored_energy(f, history, energy)
+        moving = 0.5_dp*p(lane, particles%mass%first, chunk)*sum(p(lane, v:v + d - 1, chunk)**2)
+        s%books%removed = s%books%removed + moving + p(lane, particles%volume%first, chunk)*energy(lane)
+        s%removed_kinetic = s%removed_kinetic + moving
+        s%books%impulse(:d) = s%books%impulse(:d) - p(lane, particles%mass%first, chunk)*p(lane, v:v + d - 1, chunk)
+      end associate
+      s%books%removed_particles = s%books%removed_particles + 1
+    end subroutine book_removed
+
+  end subroutine mark_leaving
+
+end module gimp_leaving

@@ -1,0 +1,109 @@
+!> What a step asks of the particles: a pass over them with its peaks, counts and failures, or a sort
+module gimp_particle_stage
+  use gimp_kinds, only: dp, i8
+  use gimp_error, only: error_t, raise
+  use gimp_text, only: text_of
+  use gimp_timer, only: seconds_now
+  use gimp_accumulator, only: column_sums
+  use gimp_engine, only: pass_t, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, peak_rate, peak_speed, peak_strain, &
+    fate_fine, fate_inverted, fate_outside, fate_jumped
+  use gimp_particle_pass, only: particle_pass
+  use gimp_resort, only: sort_particles
+  use gimp_run_state, only: stepper_t, find_held, usl, musl, phase_particles, phase_sort
+  implicit none(type, external)
+  private
+  public :: run_pass, give_pass, resort
+
+
+contains
+
+  !> Run a pass, note its peaks and counts, and make an error of the worst particle's fate
+  subroutine run_pass(s, pass, error)
+    type(stepper_t), intent(inout) :: s
+    type(pass_t), intent(in) :: pass
+    type(error_t), allocatable, intent(out) :: error
+    real(dp) :: start
+    integer :: b
+    start = seconds_now()
+    call particle_pass(s%engine, pass)
+    s%seconds(phase_particles) = s%seconds(phase_particles) + seconds_now() - start
+    associate (engine => s%engine)
+      if (any(engine%fate(1, :) /= fate_fine)) then
+        b = findloc(engine%fate(1, :) /= fate_fine, .true., dim=1)
+        call tell_fate(s, b, error)
+        if (s%time_options%redo .and. all(engine%fate(1, :) == fate_fine .or. engine%fate(1, :) == fate_outside)) &
+          s%hopeless = walked_out(s)
+        return
+      end if
+      if (pass%force) s%rate = sqrt(maxval(engine%peaks(peak_rate, :)))
+      if (pass%momentum) s%speed = sqrt(maxval(engine%peaks(peak_speed, :)))
+      if (pass%strain) s%strain_rate = sqrt(maxval(engine%peaks(peak_strain, :)))
+      call column_sums(engine%sums, s%sums)
+      s%books%plastic = s%books%plastic + s%sums(sum_plastic)
+      s%books%work_external = s%books%work_external + s%sums(sum_external)
+      s%books%impulse = s%books%impulse + s%sums(sum_impulse:sum_impulse + 2)
+      s%books%clamped = s%books%clamped + nint(s%sums(sum_clamped), i8)
+      s%books%wide_chunks = s%books%wide_chunks + nint(s%sums(sum_wide), i8)
+      s%books%spilled = s%books%spilled + engine%spill%n
+      if (pass%momentum .or. pass%force) s%sort_now = s%sort_now .or. any(engine%restless)
+    end associate
+  end subroutine run_pass
+
+  !> The pass that brings particles to the grid for the next step
+  pure type(pass_t) function give_pass(s, time)
+    type(stepper_t), intent(in) :: s
+    real(dp), intent(in) :: time
+    give_pass%momentum = .true.
+    give_pass%force = s%method%scheme == usl .or. s%method%scheme == musl
+    give_pass%time = time
+  end function give_pass
+
+  !> The message for a particle that went wrong
+  subroutine tell_fate(s, b, error)
+    type(stepper_t), intent(in) :: s
+    integer, intent(in) :: b
+    type(error_t), allocatable, intent(out) :: error
+    character(len=:), allocatable :: where, why
+    real(dp) :: x
+    integer :: c, l, k
+    c = s%engine%fate(2, b)
+    l = s%engine%fate(3, b)
+    where = ""
+    do k = 1, s%engine%grid%dim
+      x = s%engine%grid%lower(k) + s%engine%grid%spacing &
+          *(real(s%engine%particles%p(l, k, c), dp) + s%engine%table%block_at(k, b)*s%engine%grid%edge(k))
+      if (k > 1) where = where//","
+      where = where//" "//text_of(x)
+    end do
+    select case (s%engine%fate(1, b))
+    case (fate_inverted); why = "its deformation gradient has no positive determinant (the particle is inverted)"
+    case (fate_outside)
+      why = "it has left the grid"
+      if (s%engine%grid%open_degree > 0) why = "it has left the box, where open-knot splines end (spline_boundary = 'ghost' goes on)"
+    case (fate_jumped); why = "it moved by more than a block in one step"
+    case default; why = "its position or deformation is not a number"
+    end select
+    call raise(error, "step "//text_of(s%step + 1)//", t = "//text_of(s%time)//" s, dt = "//text_of(s%dt)//" s: particle " &
+               //text_of(s%engine%particles%id(l, c))//" at"//where//" m: "//why)
+  end subroutine tell_fate
+
+  !> Whether the particles that left the grid did so at less than a cell per step: then they go there with any step
+  pure logical function walked_out(s)
+    type(stepper_t), intent(in) :: s
+    walked_out = s%dt*sqrt(maxval(s%engine%peaks(peak_speed, :))) < s%engine%grid%spacing
+  end function walked_out
+
+  !> Sort, and renew what hangs on the tables of blocks
+  subroutine resort(s, leaving)
+    type(stepper_t), intent(inout) :: s
+    logical, intent(in), optional :: leaving(:, :)
+    real(dp) :: start
+    start = seconds_now()
+    call sort_particles(s%engine, leaving)
+    call find_held(s)
+    s%sort_now = .false.
+    s%books%sorts = s%books%sorts + 1
+    s%seconds(phase_sort) = s%seconds(phase_sort) + seconds_now() - start
+  end subroutine resort
+
+end module gimp_particle_stage
