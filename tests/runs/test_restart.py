@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 import gimp_files
-import namelist
-from conftest import INPUTS
+from conftest import INPUTS, check_same, on_threads, run_in_parts, text_of, with_checkpoints
 
 h5py = pytest.importorskip("h5py")
 
@@ -68,48 +67,6 @@ CASES = {
     "3d": ("block_impact_3d.nml", {}, 40),
     "3d usavg": ("axis_aligned_3d.nml", {"method.stress_update": "usavg"}, 30),
 }
-# what may differ: how long it took, on how many threads and with how much room, who wrote it, and the text of a scene that asks for checkpoints
-VOLATILE = ("/summary@wall_seconds", "/summary@bytes_per_particle", "/summary@seconds_", "/summary@particle_steps_per_", "/summary@threads", "/@lineage", "/scene/")
-
-
-def content(path):
-    """All datasets and attributes of an output file that follow from the scene"""
-    found = {}
-
-    def note(name, item):
-        if isinstance(item, h5py.Dataset):
-            found["/" + name] = item[()]
-        for key, value in item.attrs.items():
-            found[f"/{name}@{key}"] = value
-
-    with h5py.File(path) as file:
-        file.visititems(note)
-    return {name: value for name, value in found.items() if not name.startswith(VOLATILE)}
-
-
-def check_same(one, other):
-    """Two output files hold the same, bit for bit"""
-    one, other = content(one), content(other)
-    assert set(one) == set(other)
-    assert [name for name in one if not np.array_equal(one[name], other[name])] == []
-    assert one["/summary@state_hash"]
-
-
-def text_of(scene, steps=0, **keys):
-    text = scene if "\n" in str(scene) else (INPUTS / scene).read_text()
-    if steps:
-        keys["time.max_steps"] = steps
-    for key, value in keys.items():
-        text = namelist.set_key(text, key, value)
-    return text
-
-
-def with_checkpoints(text, **keys):
-    return text + "\n&restart " + " ".join(f"{key} = {namelist.format_value(value)}" for key, value in keys.items()) + " /\n"
-
-
-def on_threads(text, threads):
-    return text + f"\n&parallel threads = {threads} /\n"
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.replace(" ", "_"))
@@ -120,12 +77,7 @@ def test_same_bits_after_a_restart(run_scene, tmp_path, case):
     (tmp_path / "parts").mkdir()
     whole = run_scene(on_threads(text, 1), tmp_path / "whole").succeeded()
     total = int(whole.summary["steps"])
-    at = random.Random(case).randint(8, total - 1)  # from 8 on: no second multiple before the run stops
-    stopped = text_of(text, min(total, at + 7))
-    run_scene(on_threads(with_checkpoints(stopped, every_steps=at), 1), tmp_path / "parts").succeeded()
-    after = "x.checkpoint.old.h5" if at < min(total, at + 7) and (tmp_path/"parts"/"x.checkpoint.old.h5").exists() else "x.checkpoint.h5"
-    rest = run_scene(on_threads(text, 2), tmp_path / "parts", arguments=("--restart", after)).succeeded()
-    assert f"continued from step {at} of {after}" in rest.stdout
+    rest = run_in_parts(run_scene, tmp_path / "parts", text, random.Random(case).randint(8, total - 1), total, (1, 2))
     check_same(whole.output, rest.output)
     csv = [tmp_path / part / "x.history.csv" for part in ("whole", "parts")]
     assert csv[0].read_bytes() == csv[1].read_bytes()
