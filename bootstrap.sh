@@ -233,7 +233,7 @@ run_scene() { # run_scene INPUT RENDER_OPTION...
 run_tests() {
   local unit=0 runs=0 unit_words runs_words
   say "unit tests ..."
-  ctest --test-dir "$build" --output-on-failure --parallel "$jobs" >"$build/ctest.log" 2>&1 || unit=$?
+  ctest --test-dir "$build" -LE long --output-on-failure --parallel "$jobs" >"$build/ctest.log" 2>&1 || unit=$?
   [[ $unit -eq 0 ]] || grep -v -E '^ *[0-9]+/[0-9]+ Test .* Passed|^ *Start ' "$build/ctest.log" >&2 || true
   unit_words=$(grep -E 'tests passed|tests failed|No tests' "$build/ctest.log" | tail -n 1 || true)
   if [[ $unit_words == *"No tests"* || -z $unit_words ]]; then unit=1; unit_words="no unit tests were found"; fi

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -108,12 +109,14 @@ def run_single(gimp_sp_x):
 
 def runner(program):
     """The function behind run_scene"""
+    # threads that wait give way: where others work too, spinning at each of many short loops costs fifty times the run
+    environment = {"OMP_WAIT_POLICY": "passive", **os.environ}
 
     def run(scene, folder, arguments=(), timeout=300, **overrides):
         text = scene.read_text() if isinstance(scene, Path) else scene
         for key, value in overrides.items():
             text = namelist.set_key(text, key.replace("__", "."), value)
-        done = subprocess.run([str(program), *arguments], input=text, cwd=folder, timeout=timeout, text=True,
+        done = subprocess.run([str(program), *arguments], input=text, cwd=folder, timeout=timeout, text=True, env=environment,
                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         return Run(done.returncode, done.stdout, done.stderr, Path(folder), text, Path(folder) / f"{output_name(text)}.vtkhdf")
 
@@ -127,3 +130,67 @@ def output_name(text):
     except namelist.NamelistError:  # a scene that is broken on purpose
         names = []
     return names[0][0] if names and names[0] else "gimp"
+
+
+# ---------------------------------------------------------------------------------------- the same bits
+
+
+# what may differ: how long it took, on how many threads and with how much room, who wrote it, and the text of a scene that asks for checkpoints
+VOLATILE = ("/summary@wall_seconds", "/summary@bytes_per_particle", "/summary@seconds_", "/summary@particle_steps_per_", "/summary@threads", "/@lineage", "/scene/")
+
+
+def content(path):
+    """All datasets and attributes of an output file that follow from the scene"""
+    h5py = pytest.importorskip("h5py")
+    found = {}
+
+    def note(name, item):
+        if isinstance(item, h5py.Dataset):
+            found["/" + name] = item[()]
+        for key, value in item.attrs.items():
+            found[f"/{name}@{key}"] = value
+
+    with h5py.File(path) as file:
+        file.visititems(note)
+    return {name: value for name, value in found.items() if not name.startswith(VOLATILE)}
+
+
+def check_same(one, other):
+    """Two output files hold the same, bit for bit"""
+    one, other = content(one), content(other)
+    assert set(one) == set(other)
+    assert [name for name in one if not np.array_equal(one[name], other[name])] == []
+    assert one["/summary@state_hash"]
+
+
+def text_of(scene, steps=0, **keys):
+    """A scene, given as text or by its path in inputs/, with keys set ("time.end": 1.0) and perhaps an early end"""
+    text = scene if "\n" in str(scene) else (INPUTS / scene).read_text()
+    if steps:
+        keys["time.max_steps"] = steps
+    for key, value in keys.items():
+        text = namelist.set_key(text, key, value)
+    return text
+
+
+def with_checkpoints(text, **keys):
+    """With the keys of &restart"""
+    return text + "\n&restart " + " ".join(f"{key} = {namelist.format_value(value)}" for key, value in keys.items()) + " /\n"
+
+
+def on_threads(text, threads):
+    return text + f"\n&parallel threads = {threads} /\n"
+
+
+def run_in_parts(run, folder, text, at, total, threads):
+    """The second part of a run that stops some steps after its checkpoint at step `at` and goes on from there on another number of threads
+
+    `at` is 8 or more, so that there is no second checkpoint before the stop but the one that every run with checkpoints ends with.
+    """
+    stop = min(total, at + 7)
+    run(on_threads(with_checkpoints(text_of(text, stop), every_steps=at), threads[0]), folder).succeeded()
+    name = output_name(text)
+    after = f"{name}.checkpoint.old.h5" if at < stop and (folder / f"{name}.checkpoint.old.h5").exists() else f"{name}.checkpoint.h5"
+    rest = run(on_threads(text, threads[1]), folder, arguments=("--restart", after)).succeeded()
+    assert f"continued from step {at} of {after}" in rest.stdout
+    return rest

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 import gimp_files
-import namelist
-from conftest import INPUTS
+from conftest import INPUTS, check_same, on_threads, run_in_parts, text_of, with_checkpoints
 
 h5py = pytest.importorskip("h5py")
 
@@ -40,21 +39,13 @@ BLOCK = """
 PERIODIC = BLOCK.replace('&boundary side = "x_high" condition = "free" leaving = "remove" /',
                          '&boundary side = "x_low" condition = "periodic" /\n&boundary side = "x_high" condition = "periodic" /')
 
-# together: 1D, 2D, 3D, all bases, schemes and transfers, damping, loads, sides that move, take out or close, mirrors, exact
-# solutions with body forces, laws with a history, wide supports with spills, equal and fixed steps, steps redone and held below the critical one, forced sorts
+# beside all inputs, bases, transfers and schemes, which are in test_matrix.py: damping, loads, sides that move, take out or close,
+# wide supports with spills, fixed steps, steps redone and held below the critical one, other updates of F
 CASES = {
-    "1d": ("axis_aligned_1d.nml", {"grid.spacing": 1.0/128}, 60),
     "1d cayley": ("vibrating_bar.nml", {"method.deformation_update": "cayley", "method.stress_update": "usl"}, 60),
-    "2d musl": ("two_disks.nml", {}, 110),
-    "2d usl apic": ("two_disks.nml", {"method.stress_update": "usl", "method.transfer": "apic", "method.flip_fraction": 0.95}, 60),
-    "2d usf linear": ("two_disks.nml", {"method.basis": "linear", "method.stress_update": "usf"}, 60),
     "2d local damping": ("falling_disk.nml", {"method.damping": "local", "method.damping_factor": 0.3}, 60),
     "2d kinetic damping": ("two_disks.nml", {"method.damping": "kinetic", "method.sort_every": 7}, 60),
     "2d wide": ("falling_disk.nml", {"body.deformation_gradient": [3.6, 0.0, 0.0, 0.8], "body.particles_per_axis": 1}, 60),
-    "2d plastic": ("soil_column.nml", {"method.transfer": "tpic", "method.flip_fraction": 0.9}, 40),
-    "2d mirrors": ("tensile_bar.nml", {}, 60),
-    "2d traction": ("step_traction.nml", {}, 60),
-    "2d ring": ("expanding_ring.nml", {}, 40),
     "2d removal": (BLOCK, {}, 0),
     "2d removal usavg": (BLOCK, {"method.stress_update": "usavg", "time.step_rule": "fixed", "time.step": 0.002}, 0),
     "2d redone steps": ("rigid_translation.nml", {"method.basis": "linear", "method.transfer": "flip", "method.stress_update": "usl",
@@ -62,54 +53,9 @@ CASES = {
     "2d critical step": ("rigid_translation.nml", {"method.basis": "linear", "method.transfer": "flip", "method.stress_update": "usl",
                                                    "time.stability_check": "lanczos", "time.stability_every": 5,
                                                    "time.stability_limit": 0.9}, 120),
-    "2d cubic splines": ("two_disks.nml", {"method.basis": "bspline3"}, 60),
     "2d periodic splines": (PERIODIC.replace('all" pressure', 'x_low" pressure'), {"method.basis": "bspline2", "method.spline_boundary": "ghost"}, 60),
     "2d periodic": (PERIODIC, {"output.every": 0.013}, 0),
-    "3d": ("block_impact_3d.nml", {}, 40),
-    "3d usavg": ("axis_aligned_3d.nml", {"method.stress_update": "usavg"}, 30),
 }
-# what may differ: how long it took, on how many threads and with how much room, who wrote it, and the text of a scene that asks for checkpoints
-VOLATILE = ("/summary@wall_seconds", "/summary@bytes_per_particle", "/summary@seconds_", "/summary@particle_steps_per_", "/summary@threads", "/@lineage", "/scene/")
-
-
-def content(path):
-    """All datasets and attributes of an output file that follow from the scene"""
-    found = {}
-
-    def note(name, item):
-        if isinstance(item, h5py.Dataset):
-            found["/" + name] = item[()]
-        for key, value in item.attrs.items():
-            found[f"/{name}@{key}"] = value
-
-    with h5py.File(path) as file:
-        file.visititems(note)
-    return {name: value for name, value in found.items() if not name.startswith(VOLATILE)}
-
-
-def check_same(one, other):
-    """Two output files hold the same, bit for bit"""
-    one, other = content(one), content(other)
-    assert set(one) == set(other)
-    assert [name for name in one if not np.array_equal(one[name], other[name])] == []
-    assert one["/summary@state_hash"]
-
-
-def text_of(scene, steps=0, **keys):
-    text = scene if "\n" in str(scene) else (INPUTS / scene).read_text()
-    if steps:
-        keys["time.max_steps"] = steps
-    for key, value in keys.items():
-        text = namelist.set_key(text, key, value)
-    return text
-
-
-def with_checkpoints(text, **keys):
-    return text + "\n&restart " + " ".join(f"{key} = {namelist.format_value(value)}" for key, value in keys.items()) + " /\n"
-
-
-def on_threads(text, threads):
-    return text + f"\n&parallel threads = {threads} /\n"
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.replace(" ", "_"))
@@ -120,12 +66,7 @@ def test_same_bits_after_a_restart(run_scene, tmp_path, case):
     (tmp_path / "parts").mkdir()
     whole = run_scene(on_threads(text, 1), tmp_path / "whole").succeeded()
     total = int(whole.summary["steps"])
-    at = random.Random(case).randint(8, total - 1)  # from 8 on: no second multiple before the run stops
-    stopped = text_of(text, min(total, at + 7))
-    run_scene(on_threads(with_checkpoints(stopped, every_steps=at), 1), tmp_path / "parts").succeeded()
-    after = "x.checkpoint.old.h5" if at < min(total, at + 7) and (tmp_path/"parts"/"x.checkpoint.old.h5").exists() else "x.checkpoint.h5"
-    rest = run_scene(on_threads(text, 2), tmp_path / "parts", arguments=("--restart", after)).succeeded()
-    assert f"continued from step {at} of {after}" in rest.stdout
+    rest = run_in_parts(run_scene, tmp_path / "parts", text, random.Random(case).randint(8, total - 1), total, (1, 2))
     check_same(whole.output, rest.output)
     csv = [tmp_path / part / "x.history.csv" for part in ("whole", "parts")]
     assert csv[0].read_bytes() == csv[1].read_bytes()

@@ -5,22 +5,14 @@ from conftest import REPOSITORY
 
 INPUTS = REPOSITORY / "inputs"
 
-# each crosses cells and sorts several times; together: 1D, 2D, 3D, all bases and schemes, sides, mirrors, periodic axes, loads,
-# several materials, history-dependent laws, wide supports (which spill beyond their pads), affine transfers
+# beside all inputs, bases, transfers and schemes, which are in test_matrix.py: runs with many blocks and cells crossed, which sort when
+# they must, and wide supports, which spill beyond their pads
 CASES = {
     "1d": ("axis_aligned_1d.nml", {"grid__spacing": 1.0/256, "time__max_steps": 60}),
     "2d": ("two_disks.nml", {"time__max_steps": 150, "output__every": 0.0}),
-    "2d apic": ("two_disks.nml", {"time__max_steps": 100, "output__every": 0.0, "method__transfer": "apic", "method__flip_fraction": 0.95}),
-    "2d usf linear": ("two_disks.nml", {"time__max_steps": 100, "output__every": 0.0, "method__basis": "linear",
-                                        "method__stress_update": "usf"}),
     "2d wide": ("falling_disk.nml", {"time__max_steps": 60, "output__every": 0.0, "body__deformation_gradient": [3.6, 0.0, 0.0, 0.8],
                                    "body__particles_per_axis": 1}),
-    "2d plastic": ("soil_column.nml", {"time__max_steps": 120, "output__every": 0.0}),
-    "2d mirrors": ("tensile_bar.nml", {"time__max_steps": 120, "output__every": 0.0}),
-    "2d materials": ("two_materials.nml", {"time__max_steps": 60, "output__every": 0.0}),
     "3d": ("block_impact_3d.nml", {"time__max_steps": 80, "output__every": 0.0}),
-    "2d spline": ("falling_disk.nml", {"time__max_steps": 100, "output__every": 0.0, "method__basis": "bspline2", "method__transfer": "tpic",
-                                       "method__flip_fraction": 0.9}),
     "3d spline": ("axis_aligned_3d.nml", {"time__max_steps": 40, "output__every": 0.0, "method__basis": "bspline3", "method__domain": None,
                                           "method__spline_boundary": "ghost", "boundary__condition": "symmetry"}),
     "3d usavg": ("axis_aligned_3d.nml", {"method__stress_update": "usavg", "output__every": 0.0, "time__max_steps": 30}),
