@@ -215,7 +215,7 @@ def draw(path, lines, roofline):
     lines = [with_shares_of_limit(line, roofline) for line in sorted(lines, key=order)]
     lines = [line for line in lines if line["bits"] == 64 and line["threads"] == 1] or lines
     dimensions = sorted({line["case"][-2] for line in lines}, reverse=True)
-    figure, axes = plt.subplots(len(dimensions), 3, figsize=(13, 4*len(dimensions)), squeeze=False, layout="constrained")
+    figure, axes = plt.subplots(len(dimensions), 3, figsize=(13, 4.4*len(dimensions)), squeeze=False, layout="constrained")
     for row, dimension in zip(axes, dimensions):
         chosen = [line for line in lines if line["case"][-2] == dimension]
         settings = list(dict.fromkeys(setting_words(line) for line in chosen))
@@ -229,7 +229,7 @@ def draw(path, lines, roofline):
         sizes = sorted({line["asked_particles"] for line in chosen})
         row[0].set_xticks(sizes, list(map(number, sizes)))
         row[0].minorticks_off()
-        row[0].legend(fontsize=7)
+        row[0].legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
         bars(row, closest(chosen), setting_words)
     figure.savefig(path, dpi=80)
     plt.close(figure)
@@ -250,11 +250,10 @@ def bars(row, lines, label):
         row[1].barh(names, width, left=left, label=phase)
         left = [a + b for a, b in zip(left, width)]
     size = number(lines[0]["particles"])
-    row[1].set(xlabel="share of the time [%]", title=f"phases, {size} particles", xlim=(0, 145))
-    row[1].legend(fontsize=7, loc="center right")
+    row[1].set(xlabel="share of the time [%]", title=f"phases, {size} particles", xlim=(0, 100))
+    row[1].legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)
     places = range(len(lines))
     row[2].barh([p + 0.2 for p in places], [100*(line["memory_share"] or 0) for line in lines], 0.4, label="memory: state read and written once")
     row[2].barh([p - 0.2 for p in places], [100*(line["flop_share"] or 0) for line in lines], 0.4, label="multiply-add: counted flops")
     row[2].set(yticks=list(places), yticklabels=names, xlabel="share of the machine's limit [%]", title=f"roofline, {size} particles")
-    row[2].set_xlim(0, 1.7*row[2].get_xlim()[1])
-    row[2].legend(fontsize=7, loc="lower right")
+    row[2].legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
