@@ -247,7 +247,8 @@ def test_all_cases_from_end_to_end(build_folder, tmp_path, capsys):
 def test_interrupted_run_keeps_what_is_finished(build_folder, tmp_path):
     """Ctrl-C after the first measurement: its line, the tables, and exit code 130"""
     words = [*TINY, "--sizes", "256,1000000", "--transfers", "flip", "--steps", "60", "--build", str(build_folder), "--results", str(tmp_path)]
-    child = subprocess.Popen([sys.executable, str(BENCHMARKS / "run.py"), *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    child = subprocess.Popen([sys.executable, str(BENCHMARKS / "run.py"), *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+                             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))  # a test run in the background inherits "ignore"
     deadline = time.monotonic() + 120
     while not (tmp_path / "measurements.jsonl").exists() and child.poll() is None and time.monotonic() < deadline:
         time.sleep(0.1)
