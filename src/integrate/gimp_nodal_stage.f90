@@ -108,7 +108,7 @@ contains
     type(stepper_t), intent(inout) :: s
     integer, intent(in) :: stage
     real(wp) :: held(nf, size(s%engine%images))
-    if (stage == stage_project) return
+    if (stage == stage_project .or. size(s%engine%images) == 0) return
     call note_images(s%engine%images, s%engine%table%slots, s%raw, held)
     if (stage /= stage_kick) then
       s%at_images = held

@@ -44,6 +44,10 @@ contains
     real(wp), pointer, contiguous :: part(:, :, :)
     integer(i8), pointer, contiguous :: ids(:, :)
     integer :: room
+    if (chunks == 0) then
+      call allot_chunks(particles, 0)
+      return
+    end if
     room = max(particles%chunks, chunks)
     call allot_chunks(particles, room)
     call c_f_pointer(buffer, ids, [lanes, chunks])

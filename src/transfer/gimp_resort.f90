@@ -358,7 +358,7 @@ contains
     end do
     k = 1
     do cell = 0, nodes_per_block - 1 ! start(cell) is now where the cell ends
-      call order_ids(start(cell) - k, lane(k), id(k))
+      if (start(cell) > k) call order_ids(start(cell) - k, lane(k), id(k))
       k = start(cell)
     end do
     source = lane
