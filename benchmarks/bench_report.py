@@ -144,7 +144,7 @@ def document(lines, roofline, told, skipped=()):
         if len({line["asked_particles"] for line in plain}) > 1:
             words += ["### By size: ns a particle-step (ratio)", "", *size_table(plain), ""]
     if many:
-        words += ["### Threads", "", *thread_table(closest(many)), ""]
+        words += ["### Threads", "", *thread_table(many), ""]
     if single:
         words += ["### Single precision, one thread", "", *main_table(closest(single)), ""]
     slopes = memory_slopes(lines)
