@@ -8,7 +8,8 @@ module gimp_populate
   use gimp_fill, only: fill_t, fill_body_t, fill_bodies
   use gimp_particle_file, only: particle_table_t, read_particle_file
   use gimp_particles, only: add_field, allot_chunks, clear_chunks, group_t
-  use gimp_basis, only: basis_linear, basis_cpgimp
+  use gimp_basis, only: basis_linear, basis_cpgimp, is_sampled
+  use gimp_point_domains, only: half_edges, limit_edges
   use gimp_domains, only: domain_half_lengths
   use gimp_verification, only: verification_t, exact_motion
   use gimp_measures, only: chunk_reference
@@ -259,6 +260,7 @@ contains
         call add_field(p, "half_length", d, p%half_length, "domains differ in size")
       end if
       if (s%engine%basis == basis_cpgimp) call add_field(p, "domain", d, p%domain, "basis = cpgimp")
+      if (is_sampled(s%engine%basis)) call add_field(p, "domain", d*d, p%domain, "basis = "//word_of(scene, "method", 1, "basis"))
       if (s%engine%affine /= affine_none) call add_field(p, "affine", d*d, p%affine, &
         "transfer = "//word_of(scene, "method", 1, "transfer"))
       if (reference) call add_field(p, "reference", d, p%reference, "verification or displacement in the output")
@@ -549,8 +551,14 @@ contains
         q = p%half_length%first
         if (q > 0) half0(:, :d) = p%p(:, q:q + d - 1, c)
         clamped = 0
-        call domain_half_lengths(s%engine%domain_rule, d, f, half0, half, clamped)
-        p%p(:, p%domain%first:p%domain%first + d - 1, c) = half(:, :d)
+        q = p%domain%first
+        if (is_sampled(s%engine%basis)) then
+          call half_edges(d, f, half0, p%p(:, q:q + d*d - 1, c))
+          call limit_edges(d, s%engine%longest_diagonal, p%p(:, q:q + d*d - 1, c), clamped)
+        else
+          call domain_half_lengths(s%engine%domain_rule, d, f, half0, half, clamped)
+          p%p(:, q:q + d - 1, c) = half(:, :d)
+        end if
       end do
       !$omp end parallel do
     end associate

@@ -4,8 +4,9 @@ module gimp_setup
   use gimp_error, only: error_t, add_error
   use gimp_text, only: text_of
   use gimp_grid, only: make_grid
-  use gimp_basis, only: basis_of_word, basis_linear, basis_cpgimp, basis_ugimp, spline_degree
-  use gimp_domains, only: domain_of_word
+  use gimp_basis, only: basis_of_word, basis_linear, basis_cpgimp, basis_ugimp, is_sampled, spline_degree
+  use gimp_point_domains, only: corner_rule, volume_rule, surface_rule, simpson_rule
+  use gimp_domains, only: domain_of_word, domain_edges
   use gimp_material_options, only: material_options_t
   use gimp_material_table, only: make_material
   use gimp_verification, only: verification_t, verification_options_t, make_verification, has_body_force
@@ -150,6 +151,7 @@ contains
     s%engine%basis = basis_of_word(word_of(scene, "method", 1, "basis"))
     s%engine%domain_rule = 0
     if (s%engine%basis == basis_cpgimp) s%engine%domain_rule = domain_of_word(word_of(scene, "method", 1, "domain"))
+    if (is_sampled(s%engine%basis)) call set_up_points(scene, s)
     if (spline_degree(s%engine%basis) > 0) call set_up_spline(scene, s, error)
     s%engine%list_kernel = word_of(scene, "method", 1, "kernel") == "list"
     select case (word_of(scene, "method", 1, "deformation_update"))
@@ -196,6 +198,30 @@ contains
     if (word_of(scene, "time", 1, "stability_check") /= "none") call complain(error, scene, "time", 1, "stability_check", &
       "does not know the forces of transfer = 'mls'")
   end subroutine check_least_squares
+
+  !> Points at which a basis samples its domains, and how large these may grow
+  subroutine set_up_points(scene, s)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    integer :: d, n
+    d = scene%dimension
+    s%engine%domain_rule = domain_edges
+    s%engine%longest_diagonal = real(real_of(scene, "method", 1, "domain_limit"), wp)
+    if (word_of(scene, "method", 1, "basis") == "cpdi") then
+      s%engine%rule = corner_rule(d)
+      return
+    end if
+    select case (word_of(scene, "method", 1, "quadrature"))
+    case ("simpson")
+      s%engine%rule = simpson_rule(d)
+    case ("surface")
+      n = integer_of(scene, "method", 1, "quadrature_points")
+      s%engine%rule = surface_rule(d, n)
+    case default
+      n = integer_of(scene, "method", 1, "quadrature_points")
+      s%engine%rule = volume_rule(d, n)
+    end select
+  end subroutine set_up_points
 
   !> Where the knots of a spline end; open knots have no nodes beyond a side that images could stand for
   subroutine set_up_spline(scene, s, error)

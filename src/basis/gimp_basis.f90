@@ -8,11 +8,15 @@ module gimp_basis
   use gimp_splines, only: spline_t, spline_weights, node_place
   implicit none(type, external)
   private
-  public :: weight_list_t, make_weight_list, take_moments, list_inertia, axis_weights, basis_of_word, basis_words, support_width, spline_degree
-  public :: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, longest_half, narrow_half, most_nodes
+  public :: weight_list_t, make_weight_list, take_moments, list_inertia, inertia_of_list, axis_weights, basis_of_word, basis_words, support_width, spline_degree, &
+    kernel_of, is_sampled
+  public :: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_gauss, longest_half, narrow_half, most_nodes
+  public :: kernel_points
 
-  integer, parameter :: basis_linear = 1, basis_ugimp = 2, basis_cpgimp = 3, basis_bspline2 = 4, basis_bspline3 = 5
-  character(len=*), parameter :: basis_words = "linear ugimp cpgimp bspline2 bspline3"
+  integer, parameter :: basis_linear = 1, basis_ugimp = 2, basis_cpgimp = 3, basis_bspline2 = 4, basis_bspline3 = 5, &
+    basis_cpdi = 6, basis_gauss = 7
+  character(len=*), parameter :: basis_words = "linear ugimp cpgimp bspline2 bspline3 cpdi gauss_gimp"
+  integer, parameter :: kernel_points = 5 !! the fast kernels: 2, 3, 4 nodes an axis, or points
   real(wp), parameter :: narrow_half = 0.5_wp !! up to this half length a GIMP support has 3 nodes an axis
   real(wp), parameter :: longest_half = 2.0_wp !! domains are clamped to this half length [cells]
   real(wp), parameter :: point_half = 1.0e-6_wp !! below this the exact form cancels: take the tent
@@ -38,9 +42,23 @@ contains
     case ("cpgimp"); basis = basis_cpgimp
     case ("bspline2"); basis = basis_bspline2
     case ("bspline3"); basis = basis_bspline3
+    case ("cpdi"); basis = basis_cpdi
+    case ("gauss_gimp"); basis = basis_gauss
     case default; basis = 0
     end select
   end function basis_of_word
+
+  !> Whether the basis samples its domains at points (see gimp_point_domains)
+  pure logical function is_sampled(basis)
+    integer, intent(in) :: basis
+    is_sampled = basis == basis_cpdi .or. basis == basis_gauss
+  end function is_sampled
+
+  !> Which of the fast kernels serves a basis
+  pure integer function kernel_of(basis)
+    integer, intent(in) :: basis
+    kernel_of = merge(kernel_points, support_width(basis), is_sampled(basis))
+  end function kernel_of
 
   !> Nodes along an axis of a narrow support
   pure integer function support_width(basis)
@@ -173,5 +191,26 @@ contains
       end do
     end do
   end function list_inertia
+
+  !> Inertia D = sum S (x_i - x_p)(x_i - x_p)^T [cells^2] of any weight list
+  pure function inertia_of_list(dim, x, spline, list) result(inertia)
+    integer, intent(in) :: dim
+    real(wp), intent(in) :: x(:) !! (dim) [cells]
+    type(spline_t), intent(in) :: spline
+    type(weight_list_t), intent(in) :: list
+    real(wp) :: inertia(3, 3)
+    real(wp) :: arm(3)
+    integer :: i, k
+    inertia = 0.0_wp
+    arm = 0.0_wp
+    do i = 1, list%n
+      do k = 1, dim
+        arm(k) = node_place(spline, k, list%node(k, i)) - x(k)
+      end do
+      do k = 1, dim
+        inertia(:, k) = inertia(:, k) + list%s(i)*arm*arm(k)
+      end do
+    end do
+  end function inertia_of_list
 
 end module gimp_basis

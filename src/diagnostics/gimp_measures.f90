@@ -10,7 +10,8 @@ module gimp_measures
   use gimp_engine, only: engine_t
   use gimp_chunk_state, only: chunk_deformation, chunk_history
   use gimp_splines, only: make_spline
-  use gimp_basis, only: basis_cpgimp, list_inertia, spline_degree
+  use gimp_basis, only: weight_list_t, inertia_of_list, spline_degree
+  use gimp_particle_list, only: particle_list
   use gimp_verification, only: verification_t, exact_motion, exact_stress
   implicit none(type, external)
   private
@@ -142,20 +143,18 @@ contains
     integer, intent(in) :: at(3), c, l !! block, chunk, lane
     real(dp), intent(in) :: m
     real(dp) :: spin(3)
-    real(wp) :: half(3), inertia(3)
+    type(weight_list_t) :: list
+    real(wp) :: inertia(3, 3)
     real(dp) :: b(3, 3)
     integer :: d, k, q
     d = engine%grid%dim
     associate (p => engine%particles)
-      half = p%uniform_half
-      q = p%half_length%first
-      if (engine%basis == basis_cpgimp) q = p%domain%first
-      if (q > 0) half(:d) = p%p(l, q:q + d - 1, c)
-      inertia = list_inertia(d, p%p(l, 1:d, c), half, make_spline(spline_degree(engine%basis), engine%grid, at))
+      call particle_list(engine, at, c, l, list)
+      inertia = inertia_of_list(d, p%p(l, 1:d, c), make_spline(spline_degree(engine%basis), engine%grid, at), list)
       b = 0.0_dp
       do k = 1, d
         q = p%affine%first + d*(k - 1)
-        b(k, :d) = m*engine%grid%spacing**2*real(p%p(l, q:q + d - 1, c)*inertia(:d), dp)
+        b(k, :d) = m*engine%grid%spacing**2*real(matmul(p%p(l, q:q + d - 1, c), inertia(:d, :d)), dp)
       end do
     end associate
     spin = [b(3, 2) - b(2, 3), b(1, 3) - b(3, 1), b(2, 1) - b(1, 2)]

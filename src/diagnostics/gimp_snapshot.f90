@@ -4,7 +4,7 @@ module gimp_snapshot
   use gimp_material, only: most_states
   use gimp_particles, only: few_chunks
   use gimp_engine, only: engine_t
-  use gimp_basis, only: basis_cpgimp
+  use gimp_basis, only: basis_cpgimp, is_sampled
   use gimp_verification, only: verification_t, exact_displacement
   use gimp_measures, only: chunk_deformation, chunk_history, chunk_position, chunk_reference, chunk_stress
   implicit none(type, external)
@@ -190,13 +190,17 @@ contains
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: c
     real(dp), intent(inout) :: chunk(lanes, 9)
-    integer :: k, q
+    integer :: d, k, q
     do k = 1, engine%grid%dim
       chunk(:, k) = engine%particles%uniform_half(k)
       q = engine%particles%half_length%first
       if (q > 0) chunk(:, k) = engine%particles%p(:, q + k - 1, c)
       q = engine%particles%domain%first
       if (engine%basis == basis_cpgimp .and. q > 0) chunk(:, k) = engine%particles%p(:, q + k - 1, c)
+      if (is_sampled(engine%basis)) then ! of the box around the domain
+        d = engine%grid%dim
+        chunk(:, k) = sum(abs(engine%particles%p(:, q + k - 1:q + d*(d - 1) + k - 1:d, c)), dim=2)
+      end if
       chunk(:, k) = chunk(:, k)*engine%grid%spacing
     end do
   end subroutine chunk_half_length

@@ -21,8 +21,8 @@ module gimp_stability
   use gimp_accumulator, only: block_sum
   use gimp_grid, only: nodes_per_block, has_images
   use gimp_blocks, only: neighbour
-  use gimp_splines, only: spline_t, make_spline
-  use gimp_basis, only: basis_linear, basis_cpgimp, weight_list_t, make_weight_list, spline_degree
+  use gimp_basis, only: weight_list_t
+  use gimp_particle_list, only: particle_list
   use gimp_engine, only: engine_t
   use gimp_chunk_state, only: chunk_deformation, chunk_history
   use gimp_material, only: most_states
@@ -365,18 +365,14 @@ contains
     real(wp), intent(inout) :: to(:, :, :)
     type(weight_list_t) :: list
     integer, allocatable :: slot(:), place(:)
-    type(spline_t) :: spline
-    real(wp) :: half(3)
     integer :: g, c, l, i, d, off(3)
     d = engine%grid%dim
-    spline = make_spline(spline_degree(engine%basis), engine%grid, engine%table%block_at(:, b))
     allocate (slot(size(list%s)), place(size(list%s)))
     do g = engine%particles%block_group(b), engine%particles%block_group(b + 1) - 1
       do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
         do l = 1, lanes
           if (engine%particles%id(l, c) == 0) cycle
-          call half_lengths(engine, l, c, half)
-          call make_weight_list(d, engine%particles%p(l, :d, c), half, spline, list)
+          call particle_list(engine, engine%table%block_at(:, b), c, l, list)
           do i = 1, list%n
             off = (list%node(:, i) - modulo(list%node(:, i), engine%grid%edge))/engine%grid%edge
             slot(i) = engine%table%slot_near(neighbour(off(1), off(2), off(3)), b)
@@ -401,22 +397,6 @@ contains
       end do
     end do
   end subroutine sweep_block
-
-  !> Present half lengths of a particle [cells]
-  pure subroutine half_lengths(engine, l, c, half)
-    type(engine_t), intent(in) :: engine
-    integer, intent(in) :: l, c
-    real(wp), intent(out) :: half(3)
-    integer :: q
-    half = 0.0_wp
-    associate (particles => engine%particles, d => engine%grid%dim)
-      if (engine%basis == basis_linear) return
-      q = particles%half_length%first
-      if (engine%basis == basis_cpgimp) q = particles%domain%first
-      half(:d) = particles%uniform_half(:d)
-      if (q > 0) half(:d) = particles%p(l, q:q + d - 1, c)
-    end associate
-  end subroutine half_lengths
 
   !> f_i += k [lambda' tr(L) I + mu' (L + L^T)] G_i, L = sum_j u_j (x) G_j
   pure subroutine give_force(d, k, bulk, list, slot, place, u, f)

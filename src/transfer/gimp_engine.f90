@@ -6,6 +6,7 @@ module gimp_engine
   use gimp_images, only: image_t
   use gimp_particles, only: particles_t, chunk_bytes, id_bytes
   use gimp_basis, only: basis_linear, support_width
+  use gimp_point_domains, only: point_rule_t
   use gimp_material, only: material_t
   use gimp_storage, only: storage_t, reserve_storage, real_bytes
   use, intrinsic :: iso_c_binding, only: c_ptr, c_loc, c_f_pointer
@@ -95,7 +96,9 @@ module gimp_engine
     type(law_t), allocatable :: laws(:) !! by material
     class(body_force_t), allocatable :: body_force
     integer :: basis = basis_linear
-    integer :: domain_rule = 0
+    integer :: domain_rule = 0 !! how domains follow the deformation; 0: they do not
+    type(point_rule_t) :: rule !! of a basis that samples its domains
+    real(wp) :: longest_diagonal = 1.0_wp !! of such a domain [cells]; longer ones are scaled
     integer :: affine = affine_none !! affine part of the velocity transfer
     integer :: f_update = 1 !! 1 Cayley, 2 forward, 3 exponential
     logical :: list_kernel = .false. !! walk weight lists everywhere

@@ -7,8 +7,7 @@ module gimp_list_kernel
   use gimp_sorting, only: sort_order
   use gimp_grid, only: grid_t, nodes_per_block, nf => fields_per_node
   use gimp_blocks, only: block_table_t, neighbour
-  use gimp_splines, only: spline_t
-  use gimp_basis, only: weight_list_t, make_weight_list, take_moments
+  use gimp_basis, only: weight_list_t
   use gimp_engine, only: spill_t, drift, make_room
   implicit none(type, external)
   private
@@ -62,19 +61,14 @@ contains
     node = [modulo(place, grid%edge(1)), modulo(place/grid%edge(1), grid%edge(2)), place/(grid%edge(1)*grid%edge(2))]
   end function node_at
 
-  !> Grid to particle: a(:, lane, 1) = sum S g, a(:, lane, 1 + k) = sum G_k g, or sum S (x_i - x_p)_k g with `moments`
-  subroutine gather_list(grid, spline, x, half, lane, wide, list, moments, a)
+  !> Grid to particle: a(:, lane, 1) = sum S g, a(:, lane, 1 + k) = sum G_k g (or moments S (x_i - x_p)_k, if the list holds them)
+  pure subroutine gather_list(grid, list, lane, wide, a)
     type(grid_t), intent(in) :: grid
-    type(spline_t), intent(in) :: spline !! in the coordinates of the block
-    real(wp), intent(in) :: x(:), half(:)
+    type(weight_list_t), intent(in) :: list !! nodes relative to the block's origin
     integer, intent(in) :: lane
     real(wp), intent(in) :: wide(nf, *)
-    type(weight_list_t), intent(inout) :: list
-    logical, intent(in) :: moments
     real(wp), intent(inout) :: a(nf, lanes, 1 + grid%dim)
     integer :: i, k, place
-    call make_weight_list(grid%dim, x, half, spline, list)
-    if (moments) call take_moments(grid%dim, x, spline, list)
     a(:, lane, :) = 0.0_wp
     do i = 1, list%n
       place = wide_place(grid, list%node(:, i))
@@ -86,18 +80,13 @@ contains
   end subroutine gather_list
 
   !> Particle to grid, the transpose
-  subroutine scatter_list(grid, spline, x, half, lane, wide, list, moments, a)
+  pure subroutine scatter_list(grid, list, lane, wide, a)
     type(grid_t), intent(in) :: grid
-    type(spline_t), intent(in) :: spline !! in the coordinates of the block
-    real(wp), intent(in) :: x(:), half(:)
+    type(weight_list_t), intent(in) :: list
     integer, intent(in) :: lane
     real(wp), intent(inout) :: wide(nf, *)
-    type(weight_list_t), intent(inout) :: list
-    logical, intent(in) :: moments
     real(wp), intent(in) :: a(nf, lanes, 1 + grid%dim)
     integer :: i, k, place
-    call make_weight_list(grid%dim, x, half, spline, list)
-    if (moments) call take_moments(grid%dim, x, spline, list)
     do i = 1, list%n
       place = wide_place(grid, list%node(:, i))
       wide(:, place) = wide(:, place) + list%s(i)*a(:, lane, 1)

@@ -18,7 +18,7 @@ from conftest import REPOSITORY
 GOLDEN = REPOSITORY / "tests" / "data" / "golden"
 STEPS = (0, 1, 10, 40)
 BASES = {"linear": "linear", "ugimp": "ugimp", "cpgimp": "cpgimp", "cpgimpU": "cpgimp", "bs2": "bspline2", "bs3": "bspline3",
-         "bs2u": "bspline2", "bs3u": "bspline3"}
+         "bs2u": "bspline2", "bs3u": "bspline3", "cpdi": "cpdi", "gauss": "gauss_gimp"}
 MATERIALS = {
     "nh": {"model": "neo_hookean"},
     "hw": {"model": "linear_elastic", "rate": "hughes_winget", "rate_form": "plain"},
@@ -70,6 +70,7 @@ class Golden:
         more = set(self.options) - {"mat", "bc", "alpha", "half", "sy", "H"}
         if self.options.get("transfer") in TRANSFERS:
             more -= {"transfer", "mix"}
+        more -= {"gauss"}  # points an axis and form of that basis
         if self.basis not in BASES:
             return f"basis {self.basis}"
         if more:
@@ -127,7 +128,11 @@ def scene(golden):
     for axis, end, condition in golden.sides:
         text.append(f"&boundary side = '{'xyz'[int(axis)]}_{end}' condition = '{CONDITIONS[condition]}' /")
     text.append(f"&load kind = 'gravity' acceleration = {numbers(golden.gravity)} /")
-    domain = {"cpgimp": "domain = 'diagonal' ", "cpgimpU": "domain = 'stretch' ", "bs2": "spline_boundary = 'open' ",
+    points, form = golden.options.get("gauss", (0, ""))
+    quadrature = f"domain_limit = 2.0 quadrature = '{form}' "
+    if form in ("surface", "volume"):
+        quadrature += f"quadrature_points = {points} "
+    domain = {"cpdi": "domain_limit = 2.0 ", "gauss": quadrature, "cpgimp": "domain = 'diagonal' ", "cpgimpU": "domain = 'stretch' ", "bs2": "spline_boundary = 'open' ",
               "bs3": "spline_boundary = 'open' ", "bs2u": "spline_boundary = 'ghost' ",
               "bs3u": "spline_boundary = 'ghost' "}.get(golden.basis, "")
     text.append(f"&method basis = '{BASES[golden.basis]}' {domain}transfer = '{golden.transfer}' flip_fraction = {golden.flip!r} "
@@ -148,7 +153,8 @@ def test_files_are_known():
         "d2_ugimp_usf_jaumann", "d2_ugimp_usl_nh_flip", "d2_ugimp_usl_nh_pic", "d2_ugimp_usl_nh_halfstart",
         "d2_ugimp_musl_nh_stick", "d2_ugimp_usl_nh_apic", "d2_ugimp_musl_nh_tpic", "d2_cpgimpU_musl_nh_apicmix",
         "d2_ugimp_usl_hwsym", "d2_ugimp_usl_henckyvm", "d3_linear_usl_nh", "d1_bs2_usl_nh", "d1_bs3_usl_nh",
-        "d1_bs2u_usl_nh", "d1_bs3u_usl_nh"}
+        "d1_bs2u_usl_nh", "d1_bs3u_usl_nh", "d1_cpdi_usl_nh", "d2_cpdi_usl_nh", "d2_gauss2surface_musl_nh",
+        "d2_gauss3simpson_musl_nh"}
 
 
 @pytest.mark.parametrize("kernel", ["auto", "list"])

@@ -106,9 +106,7 @@ contains
     call extra_says('&outptu /', "&outptu: there is no such group; did you mean &output?")
     call extra_says('&time end = 2 /', "&time: the group may stand once; it stands already in line 5")
     call extra_says('&refine levels = 2 /', "&refine: is planned, not built yet")
-    call extra_says('&method basis = "ddmp" /', '&method: basis = "ddmp"; "ddmp" is planned, not built yet; '// &
-                    "there is linear, ugimp, cpgimp, bspline2 or bspline3")
-    call extra_says('&method integrator = "newmark" /', '&method: integrator = "newmark"; "newmark" is planned, not built '// &
+    call extra_says('&method integrator = "implicit" /', '&method: integrator = "implicit"; "implicit" is planned, not built '// &
                     "yet; there is symplectic")
     call extra_says('&method mass_cutoff = 1 /', "&method: mass_cutoff = 1; must be at least 0 and below 1")
   end subroutine test_values
