@@ -9,7 +9,9 @@ Everything comes from one file, NAME.vtkhdf:
 
 Needs numpy and h5py. A `GimpError` is a mistake of the user or of a file, in one line.
 """
+import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -31,6 +33,15 @@ UNITS = {"displacement": "m", "velocity": "m/s", "stress": "Pa", "pressure": "Pa
 
 class GimpError(Exception):
     """A mistake that one line can explain"""
+
+
+class RunError(GimpError):
+    """A run that did not end well: its exit code (None: it was stopped because it took too long) and what it said, line by line"""
+
+    def __init__(self, message, code, said=()):
+        super().__init__(message)
+        self.code = code
+        self.said = list(said)
 
 
 @dataclass
@@ -221,6 +232,26 @@ def find_gimp():
     return found
 
 
+def find_single(program):
+    """Path of the program in single precision, gimp_sp.x beside gimp.x"""
+    single = Path(program).with_name("gimp_sp.x")
+    if not os.access(single, os.X_OK):
+        raise GimpError(f"there is no {single}: the build has GIMP_SINGLE=OFF")
+    return str(single)
+
+
+def commit_of(program):
+    """Commit that a program was built from, as --version tells it; with a sum over the program itself if its source was changed since"""
+    said = subprocess.run([program, "--version"], capture_output=True, text=True).stdout
+    found = re.search(r"\(([^,)]+),", said)
+    if not found:
+        raise GimpError(f"{program} --version does not name a commit: {said.strip() or 'it printed nothing'}")
+    commit = found.group(1)
+    if "dirty" in commit:
+        commit += "-" + hashlib.sha1(Path(program).read_bytes()).hexdigest()[:8]
+    return commit
+
+
 def read_scene(path):
     """Text of a scene file; the particle files it names become absolute, so that it can run in another folder"""
     path = Path(path)
@@ -238,8 +269,11 @@ def read_scene(path):
     return text
 
 
-def run_scene(text, folder, name="run", program=None, threads=None, prefix=(), environment=None):
-    """Run a scene in `folder` and return the path of its output file; a GimpError tells what gimp.x complained about"""
+def run_scene(text, folder, name="run", program=None, threads=None, prefix=(), environment=None, longest=None):
+    """Run a scene in `folder` and return the path of its output file; a RunError tells what gimp.x complained about
+
+    `longest` [s]: a run that takes longer is stopped.
+    """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     text = namelist.set_key(text, "output.name", name)
@@ -249,12 +283,16 @@ def run_scene(text, folder, name="run", program=None, threads=None, prefix=(), e
     if threads:
         variables["OMP_NUM_THREADS"] = str(threads)
     with open(folder / f"{name}.nml") as source:
-        done = subprocess.run([*prefix, program or find_gimp()], stdin=source, cwd=folder, env=variables, text=True,
-                              stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        try:
+            done = subprocess.run([*prefix, program or find_gimp()], stdin=source, cwd=folder, env=variables, text=True,
+                                  stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=longest)
+        except subprocess.TimeoutExpired:
+            raise RunError(f"gimp.x was stopped after {longest:g} s", None) from None
     (folder / f"{name}.log").write_text(done.stdout + done.stderr)
     if done.returncode != 0:
         said = [line.strip() for line in (done.stderr or done.stdout).splitlines() if line.strip()]
-        raise GimpError(f"gimp.x ended with code {done.returncode}: {' | '.join(said[:3]) or 'it printed nothing'}")
+        raise RunError(f"gimp.x ended with code {done.returncode}: {' | '.join(said[:3]) or 'it printed nothing'}",
+                       done.returncode, said)
     return folder / f"{name}.vtkhdf"
 
 
