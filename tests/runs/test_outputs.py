@@ -350,7 +350,7 @@ def test_two_runs_have_the_same_bits(run_scene, tmp_path, scene):
 
 
 @pytest.mark.parametrize("scheme", ["usl", "musl", "usf", "usavg"])
-@pytest.mark.parametrize("basis", ["linear", "ugimp", "cpgimp", "bspline2", "bspline3"])
+@pytest.mark.parametrize("basis", ["linear", "ugimp", "cpgimp", "bspline2", "bspline3", "cpdi", "gauss_gimp"])
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 def test_fast_kernels_equal_the_list_kernel(run_scene, tmp_path, dimension, basis, scheme):
     """One weight list, two ways to walk it: only the order of the sums differs. 1e-12: round-off of 60 steps"""

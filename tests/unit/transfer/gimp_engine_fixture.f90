@@ -3,7 +3,8 @@ module gimp_engine_fixture
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_grid, only: make_grid, nodes_per_block, fields_per_node
   use gimp_particles, only: add_field, allot_chunks, clear_chunks, group_t
-  use gimp_basis, only: basis_linear, basis_cpgimp
+  use gimp_basis, only: basis_linear, basis_cpgimp, is_sampled
+  use gimp_point_domains, only: point_rule_t, corner_rule
   use gimp_engine, only: engine_t
   use gimp_neo_hookean, only: neo_hookean_t
   use gimp_pads, only: sum_pads, add_spills
@@ -105,7 +106,7 @@ contains
   end subroutine lattice_cloud
 
   !> An engine with these particles, neo-Hookean materials of different stiffness; particles still have to be sorted
-  subroutine make_engine(dim, basis, cells, spacing, cloud, engine, with_force, with_faces, uniform, affine)
+  subroutine make_engine(dim, basis, cells, spacing, cloud, engine, with_force, with_faces, uniform, affine, rule)
     integer, intent(in) :: dim, basis
     integer, intent(in) :: cells(3)
     real(wp), intent(in) :: spacing !! [m]
@@ -114,6 +115,7 @@ contains
     logical, intent(in), optional :: with_force, with_faces
     logical, intent(in), optional :: uniform !! half lengths of the first particle for all, not stored with each
     integer, intent(in), optional :: affine !! kind of affine transfer; the gradients carried start at zero
+    type(point_rule_t), intent(in), optional :: rule !! points at which domains are sampled; corners if absent
     real(dp) :: zero(3)
     integer :: m, i, k, c, l, chunks, of_material
     logical :: stores_half
@@ -139,6 +141,11 @@ contains
         p%uniform_half = cloud%half0(:, 1)
       end if
       if (basis == basis_cpgimp) call add_field(p, "domain", dim, p%domain)
+      if (is_sampled(basis)) then
+        call add_field(p, "domain", dim*dim, p%domain)
+        engine%rule = corner_rule(dim)
+        if (present(rule)) engine%rule = rule
+      end if
       if (present(with_force)) then
         if (with_force) call add_field(p, "force", dim, p%force)
       end if
@@ -177,7 +184,8 @@ contains
           call set_field(p%mass%first, [cloud%mass(i)])
           call set_field(p%volume%first, [cloud%volume(i)])
           if (p%half_length%first > 0) call set_field(p%half_length%first, cloud%half0(:dim, i))
-          if (p%domain%first > 0) call set_field(p%domain%first, cloud%half(:dim, i))
+          if (basis == basis_cpgimp) call set_field(p%domain%first, cloud%half(:dim, i))
+          if (is_sampled(basis)) call set_field(p%domain%first, [(cloud%f(k:3*dim:3, i)*cloud%half0(k, i), k=1, dim)])
           if (p%force%first > 0) call set_field(p%force%first, cloud%force(:dim, i))
           if (p%faces%first > 0) call set_field(p%faces%first, [cloud%faces(i)])
         end do

@@ -3,7 +3,10 @@ program test_affine
   use gimp_kinds, only: wp, lanes
   use gimp_grid, only: nodes_per_block
   use gimp_splines, only: spline_t, make_spline, node_place
-  use gimp_basis, only: basis_cpgimp, basis_bspline2, basis_bspline3, spline_degree, list_inertia, make_weight_list, take_moments, weight_list_t
+  use gimp_basis, only: basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_gauss, spline_degree, list_inertia, make_weight_list, take_moments, &
+    inertia_of_list, weight_list_t
+  use gimp_point_domains, only: point_rule_t, corner_rule, simpson_rule, volume_rule
+  use gimp_particle_list, only: particle_list
   use gimp_engine, only: engine_t, pass_t, fate_fine, affine_apic, affine_tpic, sum_affine
   use gimp_particle_pass, only: particle_pass
   use gimp_resort, only: sort_particles
@@ -20,6 +23,11 @@ program test_affine
       call test_affine_field(dim, kind, basis_cpgimp, .false., 0.5_wp, .false.)
       call test_affine_field(dim, kind, basis_cpgimp, .false., 1.9_wp, .false.) ! wide supports walk their lists
       call test_affine_field(dim, kind, basis_cpgimp, .false., 0.5_wp, .true.)
+      call test_affine_field(dim, kind, basis_cpdi, .false., 0.5_wp, .false., corner_rule(dim))
+      call test_affine_field(dim, kind, basis_cpdi, .false., 1.5_wp, .false., corner_rule(dim))
+      call test_affine_field(dim, kind, basis_cpdi, .false., 0.5_wp, .true., corner_rule(dim))
+      call test_affine_field(dim, kind, basis_gauss, .false., 0.5_wp, .false., simpson_rule(dim))
+      call test_affine_field(dim, kind, basis_gauss, .false., 0.5_wp, .false., volume_rule(dim, 2))
       do basis = basis_bspline2, basis_bspline3
         call test_affine_field(dim, kind, basis, .false., 0.5_wp, .false.)
         call test_affine_field(dim, kind, basis, .true., 0.5_wp, .false.)
@@ -27,6 +35,9 @@ program test_affine
       end do
     end do
     call test_momentum(dim, basis_cpgimp, .false.)
+    call test_momentum(dim, basis_cpdi, .false., corner_rule(dim))
+    call test_momentum(dim, basis_gauss, .false., simpson_rule(dim))
+    call test_momentum(dim, basis_gauss, .false., volume_rule(dim, 2))
     do basis = basis_bspline2, basis_bspline3
       call test_momentum(dim, basis, .false.)
       call test_momentum(dim, basis, .true.)
@@ -61,10 +72,11 @@ contains
   end subroutine test_moments
 
   !> Nodal velocities of an affine field: particles take its value and its gradient, and give the field back to the nodes
-  subroutine test_affine_field(dim, kind, basis, open, long, list_kernel)
+  subroutine test_affine_field(dim, kind, basis, open, long, list_kernel, rule)
     integer, intent(in) :: dim, kind, basis
     real(wp), intent(in) :: long !! largest half length
     logical, intent(in) :: open, list_kernel !! open knots; the list kernel everywhere
+    type(point_rule_t), intent(in), optional :: rule !! of a basis that samples its domains
     type(engine_t) :: engine
     type(cloud_t) :: cloud
     real(wp), allocatable :: raw(:, :, :)
@@ -76,7 +88,7 @@ contains
     low(:dim) = merge(0.0_wp, 3.0_wp, open)
     high = cells - low
     call random_cloud(dim, 200, low, high, 0.05_wp, long, seed, cloud)
-    call make_engine(dim, basis, cells, 0.25_wp, cloud, engine, affine=kind)
+    call make_engine(dim, basis, cells, 0.25_wp, cloud, engine, affine=kind, rule=rule)
     if (open) engine%grid%open_degree = spline_degree(basis)
     engine%list_kernel = list_kernel
     call sort_particles(engine)
@@ -126,14 +138,15 @@ contains
 
   !> Random particle velocities and gradients: the grid has the momentum of the particles and, with the affine part, their
   !> angular momentum (2D, 3D); the energy of the affine part is positive
-  subroutine test_momentum(dim, basis, open)
+  subroutine test_momentum(dim, basis, open, rule)
     integer, intent(in) :: dim, basis
     logical, intent(in) :: open
+    type(point_rule_t), intent(in), optional :: rule !! of a basis that samples its domains
+    type(weight_list_t) :: list
     type(engine_t) :: engine
     type(cloud_t) :: cloud
     real(wp), allocatable :: raw(:, :, :), numbers(:)
-    real(wp) :: low(3), high(3), on_nodes(3), of_particles(3), spin_nodes(3), spin_particles(3), x(3), mv(3), b(3, 3), inertia(3), &
-                half(3), scale
+    real(wp) :: low(3), high(3), on_nodes(3), of_particles(3), spin_nodes(3), spin_particles(3), x(3), mv(3), b(3, 3), inertia(3, 3), scale
     integer :: cells(3), c, l, g, s, place, q, k
     cells = 1
     cells(:dim) = merge(150, merge(20, 12, dim == 2), dim == 1)
@@ -141,7 +154,7 @@ contains
     low(:dim) = merge(0.0_wp, 3.0_wp, open)
     high = cells - low
     call random_cloud(dim, 200, low, high, 0.05_wp, 0.5_wp, seed, cloud)
-    call make_engine(dim, basis, cells, 0.25_wp, cloud, engine, affine=affine_apic)
+    call make_engine(dim, basis, cells, 0.25_wp, cloud, engine, affine=affine_apic, rule=rule)
     if (open) engine%grid%open_degree = spline_degree(basis)
     call sort_particles(engine)
     allocate (numbers(dim*dim))
@@ -162,13 +175,11 @@ contains
             x(:dim) = 0.25_wp*(p%p(l, 1:dim, c) + p%groups(g)%at(:dim)*engine%grid%edge(:dim))
             mv = 0.0_wp
             mv(:dim) = p%p(l, p%mass%first, c)*p%p(l, p%velocity%first:p%velocity%first + dim - 1, c)
-            half = 0.0_wp
-            if (p%domain%first > 0) half(:dim) = p%p(l, p%domain%first:p%domain%first + dim - 1, c)
-            inertia = list_inertia(dim, p%p(l, 1:dim, c), half, &
-                                   make_spline(spline_degree(basis), engine%grid, p%groups(g)%at))
+            call particle_list(engine, p%groups(g)%at, c, l, list)
+            inertia = inertia_of_list(dim, p%p(l, 1:dim, c), make_spline(spline_degree(basis), engine%grid, p%groups(g)%at), list)
             b = 0.0_wp
             do k = 1, dim
-              b(k, :dim) = p%p(l, p%mass%first, c)*0.25_wp**2*numbers(dim*(k - 1) + 1:dim*k)*inertia(:dim)
+              b(k, :dim) = p%p(l, p%mass%first, c)*0.25_wp**2*matmul(numbers(dim*(k - 1) + 1:dim*k), inertia(:dim, :dim))
             end do
             of_particles = of_particles + mv
             spin_particles = spin_particles + cross(x, mv) + [b(3, 2) - b(2, 3), b(1, 3) - b(3, 1), b(2, 1) - b(1, 2)]

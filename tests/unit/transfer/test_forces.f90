@@ -2,7 +2,8 @@
 program test_forces
   use gimp_kinds, only: wp, lanes
   use gimp_grid, only: nodes_per_block
-  use gimp_basis, only: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, spline_degree
+  use gimp_basis, only: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_gauss, spline_degree
+  use gimp_point_domains, only: point_rule_t, corner_rule, simpson_rule, surface_rule, volume_rule
   use gimp_engine, only: engine_t, pass_t, fate_fine
   use gimp_particle_pass, only: particle_pass
   use gimp_resort, only: sort_particles
@@ -26,6 +27,13 @@ program test_forces
       call test_adjoint(dim, basis, 0.25_wp, 0.25_wp, open=.true.)
     end do
   end do
+  do dim = 1, 3
+    call test_adjoint(dim, basis_cpdi, 0.05_wp, 0.5_wp, rule=corner_rule(dim))
+    call test_adjoint(dim, basis_cpdi, 0.05_wp, 1.5_wp, rule=corner_rule(dim))
+    call test_adjoint(dim, basis_gauss, 0.05_wp, 0.5_wp, rule=simpson_rule(dim))
+    call test_adjoint(dim, basis_gauss, 0.05_wp, 0.5_wp, rule=surface_rule(dim, 2))
+    call test_adjoint(dim, basis_gauss, 0.05_wp, 0.5_wp, rule=volume_rule(dim, 3))
+  end do
   do per_cell = 1, 4
     call test_stretched_bar(per_cell)
   end do
@@ -36,10 +44,11 @@ contains
   !> sum_i f_i . v_i = - sum_p V0 tau : L for any nodal velocities: forces and velocity gradients use the same weights. L comes
   !> from a strain pass with F' = (I + dt L) F and dt = 1, velocities of 0.01: L is known to 1e-14 of itself, and 1e-11 of the
   !> sum of all |V0 tau : L| leaves room for it.
-  subroutine test_adjoint(dim, basis, short, long, open)
+  subroutine test_adjoint(dim, basis, short, long, open, rule)
     integer, intent(in) :: dim, basis
     real(wp), intent(in) :: short, long
     logical, intent(in), optional :: open !! knots, and particles up to the sides of the box
+    type(point_rule_t), intent(in), optional :: rule !! of a basis that samples its domains
     type(engine_t) :: engine
     type(cloud_t) :: cloud, after
     real(wp), allocatable :: raw(:, :, :), numbers(:)
@@ -54,7 +63,7 @@ contains
     high = cells - low
     call random_cloud(dim, 300, low, high, short, long, seed, cloud)
     cloud%material(::2) = 2
-    call make_engine(dim, basis, cells, 0.25_wp, cloud, engine)
+    call make_engine(dim, basis, cells, 0.25_wp, cloud, engine, rule=rule)
     if (present(open)) engine%grid%open_degree = spline_degree(basis)
     call sort_particles(engine)
     call particle_pass(engine, pass_t(momentum=.true., force=.true.))
@@ -131,8 +140,9 @@ contains
     cloud%half = cloud%half0*stretch
     cloud%volume = 0.1_wp/per_cell
     cloud%mass = 1.0_wp
-    do basis = basis_linear, basis_bspline3
+    do basis = basis_linear, basis_gauss
       call make_engine(1, basis, [120, 1, 1], 0.1_wp, cloud, engine)
+      if (basis == basis_gauss) engine%rule = simpson_rule(1)
       call sort_particles(engine)
       call particle_pass(engine, pass_t(momentum=.true., force=.true.))
       call node_sums(engine, raw)
@@ -155,7 +165,7 @@ contains
       case (basis_ugimp)
         call check(largest, 0.1_wp*stretch/per_cell, 1.0e-12_wp, &
                    "fixed domains feel their gaps, ppc = "//text_of(per_cell))
-      case (basis_cpgimp)
+      case (basis_cpgimp, basis_cpdi, basis_gauss)
         call check(largest, 0.0_wp, 1.0e-12_wp, "domains that follow feel nothing, ppc = "//text_of(per_cell))
       case (basis_bspline2) ! the table of the reference: .096, .048, .032, .027; where nodes are matters
         call check(largest*per_cell, 0.09_wp, 0.025_wp, "quadratic splines feel a tenth of it, ppc = "//text_of(per_cell))
