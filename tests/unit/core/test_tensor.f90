@@ -3,7 +3,7 @@ program test_tensor
   use gimp_kinds, only: wp, lanes
   use gimp_tensor, only: identity, increment_forward, increment_cayley, increment_exponential, multiply, determinant, &
     inverse, left_cauchy_green, push_forward, symmetric_of, rotation_cayley, rotate_symmetric, eigen_symmetric, compose, &
-    natural_log, exponential
+    natural_log, exponential, polar_rotation
   use gimp_check, only: begin_suite, end_suite, check, check_true
   implicit none(type, external)
 
@@ -15,6 +15,7 @@ program test_tensor
   call test_small_increments()
   call test_exponential()
   call test_rotation()
+  call test_polar_rotation()
   call test_eigen_random()
   call test_eigen_special()
   call test_lanes_are_independent()
@@ -286,6 +287,42 @@ contains
     call check_true(all(values(1, :) == other(1, :)) .and. all(n(1, :) == m(1, :)), "eigenvalues bit for bit")
     call check_true(all(df(1, :) == dg(1, :)), "exponential bit for bit")
   end subroutine test_lanes_are_independent
+
+  !> F = R U: R is the rotation put in, for ordinary stretches and for ratios of 10^4, alone or in company; nothing for F without one
+  subroutine test_polar_rotation()
+    real(wp) :: x(lanes, 9), q(lanes, 9), n(lanes, 9), values(lanes, 3), u(lanes, 6), f(lanes, 9), r(lanes, 9), alone(lanes, 9)
+    real(wp) :: worst(2), most
+    integer :: k, sample, seed, size
+    seed = 11
+    worst = 0
+    do size = 1, 2
+      most = merge(0.7_wp, 2.0_wp, size == 1)
+      if (size == 2 .and. round_off > 1.0e-10_wp) most = 1.0_wp
+      do sample = 1, 200
+        call random_numbers(seed, x)
+        call rotation_cayley(4.0_wp, x, q)
+        values = 10.0_wp**(most*x(:, [1, 5, 9]))
+        call random_numbers(seed, x)
+        call rotation_cayley(4.0_wp, x, n)
+        call compose(values, n, u)
+        call multiply(q, u(:, [1, 4, 6, 4, 2, 5, 6, 5, 3]), f)
+        call polar_rotation(f, r)
+        worst(size) = max(worst(size), maxval(abs(r - q)/spread(maxval(values, 2)/minval(values, 2), 2, 9)))
+      end do
+    end do
+    ! R is as well determined as the shortest stretch is: round-off times the ratio of the stretches
+    call check(worst, [0.0_wp, 0.0_wp], 8*round_off, "the rotation of F = R U")
+    f(2:, :) = spread(identity, 1, lanes - 1)
+    call polar_rotation(f, alone)
+    call check_true(all(alone(1, :) == r(1, :)), "a lane does not depend on its neighbours")
+    f = 0
+    do k = 1, lanes
+      f(k, [1, 5, 9]) = [real(k - 4, wp), 1.0_wp, 1.0_wp] ! inverted, flat, sound
+    end do
+    f(1, :) = 0
+    call polar_rotation(f, r)
+    call check(reshape(r, [9*lanes]), reshape(spread(identity, 1, lanes), [9*lanes]), round_off, "inverted and flat: the unit tensor")
+  end subroutine test_polar_rotation
 
   subroutine test_singular_is_finite()
     real(wp) :: a(lanes, 9), b(lanes, 9), l(lanes, 9)
