@@ -124,6 +124,7 @@ contains
       call take_word("cone", options%cone)
       call take_word("rate", options%rate)
       call take_word("rate_form", options%rate_form)
+      options%gradient_of_middle = word_of(scene, "method", 1, "deformation_update") /= "forward"
       call make_material(options, laws(m)%law, problem)
       if (allocated(problem)) call add_error(error, problem%message)
     end do

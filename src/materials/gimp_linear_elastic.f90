@@ -1,35 +1,31 @@
-!> Hypoelastic solid: an objective rate of the Cauchy stress is lambda tr(D) I + 2 mu D.
+!> Hypoelastic solid: an objective rate of the stress is lambda tr(D) I + 2 mu D (see `gimp_objective_rates`).
 !>
-!> Rates, with a = dt (lambda tr(D) I + 2 mu D)/2 and D, W of the velocity gradient given:
-!> - hughes_winget, midpoint (default): s <- Q (s + a) Q^T + a, Q = (I - dt W/2)^-1 (I + dt W/2), with D and W of
-!>   L (I + dt L/2)^-1: the gradient of the grid refers to x_n, this one to x_n+1/2; second order;
-!> - hughes_winget, symmetric: the same with L as given; second order where L is that of the middle of the step;
-!> - hughes_winget, plain (Hughes & Winget 1980): s <- Q s Q^T + 2 a; first order when strain and rotation act together;
-!> - jaumann: s <- s + dt (W s - s W) + 2 a; first order, a pure spin makes the deviator grow: for comparison only.
+!> D and W belong to the middle of the step, the gradient of the grid to its start: the midpoint form (default) takes them of
+!> L (I + dt L/2)^-1, the symmetric and the plain form of L as it is given. An increment of F that takes L for that of the
+!> middle (Cayley, exponential) leaves nothing to convert.
 !>
 !> A hypoelastic law has no energy function. What is called stored energy is the stress power, added up by the trapezoidal
-!> rule per reference volume: J s:D. It need not come back in a closed cycle.
-!>
-!> Wave speed. For the velocity gradient a (x) n of a wave the traction rate is
-!>   rho Q a = (lambda + mu) n (n.a) + mu a + [ (n.s n) I - s + s n (x) n - n (x) s n ] a/2;
-!> the last pair is skew, so rho c^2 <= lambda + 2 mu + (s1 - s3)/2 <= lambda + 2 mu + sqrt(J2), and rho = rho0/J.
+!> rule per reference volume: J s:D. It need not come back in a closed cycle. (The logarithmic rate has one, that of Hencky:
+!> from the stress-free state the stress power is its growth, to second order in the step.)
 module gimp_linear_elastic
   use gimp_kinds, only: wp, lanes
   use gimp_error, only: error_t
+  use gimp_text, only: word_in
   use gimp_material, only: material_t
   use gimp_material_options, only: material_options_t, set_elasticity, refuse, complain
-  use gimp_tensor, only: increment_forward, inverse, multiply, determinant, symmetric_of, rotation_cayley, rotate_symmetric
+  use gimp_objective_rates, only: hughes_winget, plain_hughes_winget, explicit_jaumann, green_naghdi, truesdell, logarithmic, &
+    carry_stress, at_middle, wave_modulus
+  use gimp_tensor, only: determinant, symmetric_of
   implicit none(type, external)
   private
-  public :: linear_elastic_t, make_linear_elastic, symmetric_hughes_winget, plain_hughes_winget, explicit_jaumann, &
-    midpoint_hughes_winget
+  public :: linear_elastic_t, make_linear_elastic
 
-  integer, parameter :: symmetric_hughes_winget = 1, plain_hughes_winget = 2, explicit_jaumann = 3, midpoint_hughes_winget = 4
-  integer, parameter :: stress_states = 7, at_energy = 1, at_stress = 2 !! history: energy, then the Cauchy stress
+  integer, parameter :: stress_states = 7, at_energy = 1, at_stress = 2 !! history: energy, then the stress that the rate carries
 
-  !> The model; needs density, lambda, mu and the scheme
+  !> The model; needs density, lambda, mu and the rate
   type, extends(material_t) :: linear_elastic_t
-    integer :: scheme = midpoint_hughes_winget !! how the stress is carried
+    integer :: rate = hughes_winget !! one of `gimp_objective_rates`
+    logical :: to_middle = .true. !! take the velocity gradient to the middle of the step
   contains
     procedure :: start_state
     procedure :: advance_state
@@ -44,26 +40,34 @@ contains
     type(material_options_t), intent(in) :: options
     class(material_t), allocatable, intent(out) :: material
     type(error_t), allocatable, intent(out) :: error
-    integer :: scheme
-    scheme = midpoint_hughes_winget
+    integer :: rate
+    logical :: to_middle
+    rate = hughes_winget
     select case (options%rate)
     case ("", "hughes_winget")
-      select case (options%rate_form)
-      case ("", "midpoint")
-      case ("symmetric")
-        scheme = symmetric_hughes_winget
-      case ("plain")
-        scheme = plain_hughes_winget
-      case default
-        call complain(options, "rate_form", "must be midpoint, symmetric or plain", error)
-      end select
+      if (options%rate_form == "plain") rate = plain_hughes_winget
     case ("jaumann")
-      scheme = explicit_jaumann
+      rate = explicit_jaumann
       call refuse(options, "rate_form", "rate = 'jaumann'", error)
+    case ("green_naghdi")
+      rate = green_naghdi
+    case ("truesdell")
+      rate = truesdell
+    case ("logarithmic")
+      rate = logarithmic
     case default
-      call complain(options, "rate", "must be hughes_winget or jaumann", error)
+      call complain(options, "rate", "must be hughes_winget, jaumann, green_naghdi, truesdell or logarithmic", error)
     end select
-    allocate (material, source=linear_elastic_t(states=stress_states, scheme=scheme))
+    if (allocated(error)) then
+      continue
+    else if (word_in(options%rate_form, "midpoint symmetric plain") == 0 .and. options%rate_form /= "") then
+      call complain(options, "rate_form", "must be midpoint, symmetric or plain", error)
+    else if (options%rate_form == "plain" .and. rate /= plain_hughes_winget) then
+      call complain(options, "rate_form", "is for rate = 'hughes_winget'; must be midpoint or symmetric", error)
+    end if
+    to_middle = rate /= explicit_jaumann .and. .not. options%gradient_of_middle &
+      .and. (options%rate_form == "" .or. options%rate_form == "midpoint")
+    allocate (material, source=linear_elastic_t(states=stress_states, rate=rate, to_middle=to_middle))
     call set_elasticity(options, material, error)
   end subroutine make_linear_elastic
 
@@ -72,72 +76,60 @@ contains
     class(linear_elastic_t), intent(in) :: self
     real(wp), intent(in) :: f(lanes, 9), stress(lanes, 6)
     real(wp), intent(inout) :: state(lanes, *)
-    real(wp) :: j(lanes), trace
+    real(wp) :: j(lanes), weight(lanes), trace
     integer :: k
     call determinant(f, j)
+    call weight_of_stress(self%rate, j, weight)
     do k = 1, lanes
-      state(k, at_stress:at_stress + 5) = stress(k, :)
-      trace = sum(stress(k, 1:3))
-      state(k, at_energy) = j(k)*(sum(stress(k, 1:3)**2) + 2*sum(stress(k, 4:6)**2) &
+      state(k, at_stress:at_stress + 5) = j(k)/weight(k)*stress(k, :)
+      trace = sum(state(k, at_stress:at_stress + 2))
+      state(k, at_energy) = weight(k)*(sum(state(k, at_stress:at_stress + 2)**2) + 2*sum(state(k, at_stress + 3:at_stress + 5)**2) &
         - self%lambda*trace**2/(3*self%lambda + 2*self%mu))/(4*self%mu)
     end do
   end subroutine start_state
 
-  !> Carry the Cauchy stress by the objective rate, and add up the stress power
+  !> Carry the stress by the objective rate, and add up the stress power
   pure subroutine advance_state(self, dt, l, df, f, state, dissipated)
     class(linear_elastic_t), intent(in) :: self
     real(wp), intent(in) :: dt, l(lanes, 9), df(lanes, 9), f(lanes, 9)
     real(wp), intent(inout) :: state(lanes, *)
     real(wp), intent(out) :: dissipated(lanes)
-    real(wp) :: d(lanes, 6), half(lanes, 6), q(lanes, 9), rate(lanes, 9), power_before(lanes), power_after(lanes), j(lanes), dj(lanes)
+    real(wp), dimension(lanes) :: power_before, power_after, j, dj, weight, weight_before
+    real(wp) :: d(lanes, 6), half(lanes, 6), gradient(lanes, 9)
     integer :: k
-    rate = l
-    if (self%scheme == midpoint_hughes_winget) call at_middle(dt, l, rate)
-    call symmetric_of(rate, d)
+    gradient = l
+    if (self%to_middle) call at_middle(dt, l, gradient)
+    call symmetric_of(gradient, d)
     call half_increment(self%lambda, self%mu, dt, d, half)
     call stress_power(state(1, at_stress), d, power_before)
-    select case (self%scheme)
-    case (symmetric_hughes_winget, midpoint_hughes_winget)
-      call rotation_cayley(dt, rate, q)
-      call add(half, 1.0_wp, state(1, at_stress))
-      call rotate_symmetric(q, state(1, at_stress))
-      call add(half, 1.0_wp, state(1, at_stress))
-    case (plain_hughes_winget)
-      call rotation_cayley(dt, l, q)
-      call rotate_symmetric(q, state(1, at_stress))
-      call add(half, 2.0_wp, state(1, at_stress))
-    case (explicit_jaumann)
-      call add_spin(dt, l, state(1, at_stress))
-      call add(half, 2.0_wp, state(1, at_stress))
-    end select
+    call carry_stress(self%rate, dt, gradient, d, df, f, half, state(1, at_stress))
     call stress_power(state(1, at_stress), d, power_after)
     call determinant(f, j)
     call determinant(df, dj)
     !$omp simd simdlen(lanes)
     do k = 1, lanes
-      state(k, at_energy) = state(k, at_energy) + 0.5_wp*dt*j(k)*(power_after(k) &
-        + power_before(k)/merge(dj(k), 1.0_wp, dj(k) > tiny(1.0_wp)))
+      dj(k) = j(k)/merge(dj(k), 1.0_wp, dj(k) > tiny(1.0_wp))
       dissipated(k) = 0.0_wp
+    end do
+    call weight_of_stress(self%rate, j, weight)
+    call weight_of_stress(self%rate, dj, weight_before)
+    !$omp simd simdlen(lanes)
+    do k = 1, lanes
+      state(k, at_energy) = state(k, at_energy) + 0.5_wp*dt*(weight(k)*power_after(k) + weight_before(k)*power_before(k))
     end do
   end subroutine advance_state
 
-  !> L (I + dt L/2)^-1: the velocity gradient with respect to the positions of the middle of the step
-  pure subroutine at_middle(dt, l, middle)
-    real(wp), intent(in) :: dt, l(lanes, 9)
-    real(wp), intent(out) :: middle(lanes, 9)
-    real(wp) :: half_way(lanes, 9), back(lanes, 9), det(lanes)
-    integer :: c, k
-    call increment_forward(0.5_wp*dt, l, half_way)
-    call determinant(half_way, det)
-    call inverse(half_way, back)
-    call multiply(l, back, middle)
-    do c = 1, 9 ! a step that turns the half way inside out is about to fail: nothing here may trap before the driver says so
-      !$omp simd simdlen(lanes)
-      do k = 1, lanes
-        middle(k, c) = merge(middle(k, c), l(k, c), det(k) > 0.01_wp)
-      end do
+  !> What the stress that the rate carries has to be multiplied by to be the Kirchhoff stress: J, or 1 if that is what it is
+  pure subroutine weight_of_stress(rate, j, weight)
+    integer, intent(in) :: rate
+    real(wp), intent(in) :: j(lanes) !! volume ratio
+    real(wp), intent(out) :: weight(lanes)
+    integer :: k
+    !$omp simd simdlen(lanes)
+    do k = 1, lanes
+      weight(k) = merge(1.0_wp, j(k), rate == logarithmic)
     end do
-  end subroutine at_middle
+  end subroutine weight_of_stress
 
   !> dt (lambda tr(D) I + 2 mu D)/2
   pure subroutine half_increment(lambda, mu, dt, d, half)
@@ -161,47 +153,6 @@ contains
     end do
   end subroutine half_increment
 
-  !> s <- s + factor a
-  pure subroutine add(a, factor, s)
-    real(wp), intent(in) :: a(lanes, 6), factor
-    real(wp), intent(inout) :: s(lanes, 6)
-    integer :: c, k
-    do c = 1, 6
-      !$omp simd simdlen(lanes)
-      do k = 1, lanes
-        s(k, c) = s(k, c) + factor*a(k, c)
-      end do
-    end do
-  end subroutine add
-
-  !> s <- s + dt (W s - s W), W = skw L
-  pure subroutine add_spin(dt, l, s)
-    real(wp), intent(in) :: dt, l(lanes, 9)
-    real(wp), intent(inout) :: s(lanes, 6)
-    integer :: k
-    !$omp simd simdlen(lanes)
-    do k = 1, lanes
-      block
-        real(wp) :: w12, w23, w31, s1, s2, s3, s4, s5, s6
-        w12 = 0.5_wp*dt*(l(k, 2) - l(k, 4))
-        w23 = 0.5_wp*dt*(l(k, 6) - l(k, 8))
-        w31 = 0.5_wp*dt*(l(k, 7) - l(k, 3))
-        s1 = s(k, 1)
-        s2 = s(k, 2)
-        s3 = s(k, 3)
-        s4 = s(k, 4)
-        s5 = s(k, 5)
-        s6 = s(k, 6)
-        s(k, 1) = s1 + 2.0_wp*(w12*s4 - w31*s6)
-        s(k, 2) = s2 + 2.0_wp*(w23*s5 - w12*s4)
-        s(k, 3) = s3 + 2.0_wp*(w31*s6 - w23*s5)
-        s(k, 4) = s4 + w12*(s2 - s1) - w31*s5 + w23*s6
-        s(k, 5) = s5 + w23*(s3 - s2) - w12*s6 + w31*s4
-        s(k, 6) = s6 + w31*(s1 - s3) - w23*s4 + w12*s5
-      end block
-    end do
-  end subroutine add_spin
-
   !> s:D [W/m3]
   pure subroutine stress_power(s, d, power)
     real(wp), intent(in) :: s(lanes, 6), d(lanes, 6)
@@ -221,32 +172,21 @@ contains
     real(wp), intent(in) :: state(lanes, *)
     real(wp), intent(out) :: tau(lanes, 6)
     real(wp), intent(out) :: speed2(lanes)
-    real(wp) :: j(lanes), modulus, per_density
-    integer :: k
-    modulus = self%lambda + 2*self%mu
+    real(wp) :: j(lanes), weight(lanes), modulus(lanes), per_density
+    integer :: c, k
     per_density = 1.0_wp/self%density
     call determinant(f, j)
+    call weight_of_stress(self%rate, j, weight)
+    call wave_modulus(self%rate, self%lambda, self%mu, state(1, at_stress), modulus)
+    do c = 1, 6
+      !$omp simd simdlen(lanes)
+      do k = 1, lanes
+        tau(k, c) = weight(k)*state(k, at_stress + c - 1)
+      end do
+    end do
     !$omp simd simdlen(lanes)
     do k = 1, lanes
-      block
-        real(wp) :: p, j2, s1, s2, s3, s4, s5, s6
-        s1 = state(k, at_stress)
-        s2 = state(k, at_stress + 1)
-        s3 = state(k, at_stress + 2)
-        s4 = state(k, at_stress + 3)
-        s5 = state(k, at_stress + 4)
-        s6 = state(k, at_stress + 5)
-        p = (s1 + s2 + s3)/3.0_wp
-        j2 = 0.5_wp*((s1 - p)**2 + (s2 - p)**2 + (s3 - p)**2) &
-          + s4**2 + s5**2 + s6**2
-        tau(k, 1) = j(k)*s1
-        tau(k, 2) = j(k)*s2
-        tau(k, 3) = j(k)*s3
-        tau(k, 4) = j(k)*s4
-        tau(k, 5) = j(k)*s5
-        tau(k, 6) = j(k)*s6
-        speed2(k) = per_density*max(j(k), 0.0_wp)*(modulus + sqrt(j2))
-      end block
+      speed2(k) = per_density*max(weight(k), 0.0_wp)*modulus(k)
     end do
   end subroutine kirchhoff
 

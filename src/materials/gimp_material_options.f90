@@ -29,8 +29,9 @@ module gimp_material_options
     real(dp) :: dilation_angle = unset !! [degree]; default 0
     character(len=32) :: hardening = "" !! none (default), linear, power
     character(len=32) :: cone = "" !! plane_strain (default), outer, inner
-    character(len=32) :: rate = "" !! hughes_winget (default), jaumann
-    character(len=32) :: rate_form = "" !! symmetric (default), plain
+    character(len=32) :: rate = "" !! hughes_winget (default), jaumann, green_naghdi, truesdell, logarithmic
+    character(len=32) :: rate_form = "" !! midpoint (default), symmetric, plain
+    logical :: gradient_of_middle = .false. !! the increment of F takes the velocity gradient for that of the middle of the step
   end type material_options_t
 
   !> Names of the number keys and of the word keys, for checks that walk them all

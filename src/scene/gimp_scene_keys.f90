@@ -177,11 +177,11 @@ contains
              range="[0,89)", default="0", when=soil)
     call add(t, n, g, "cone", kind_word, "how the cone is fitted to Mohr-Coulomb: equal in plane strain, through the outer "// &
              "edges, or the inner ones", words="plane_strain outer inner", default="plane_strain", when=soil)
-    call add(t, n, g, "rate", kind_word, "objective update of the stress", words="hughes_winget jaumann", &
-             default="hughes_winget", when="model=linear_elastic")
-    call add(t, n, g, "rate_form", kind_word, "midpoint: rates refer to the middle of the step; symmetric: to its start, half of "// &
-             "the increment is turned; plain: none is", words="midpoint symmetric plain", default="midpoint", &
-             when="model=linear_elastic rate=hughes_winget")
+    call add(t, n, g, "rate", kind_word, "objective rate of the stress", &
+             words="hughes_winget jaumann green_naghdi truesdell logarithmic", default="hughes_winget", when="model=linear_elastic")
+    call add(t, n, g, "rate_form", kind_word, "midpoint: D and W of the middle of the step; symmetric: of its start; plain: the "// &
+             "same, and the increment is not turned (hughes_winget only)", words="midpoint symmetric plain", default="midpoint", &
+             when="model=linear_elastic rate=hughes_winget|green_naghdi|truesdell|logarithmic")
   end subroutine material_keys
 
   pure subroutine body_keys(t, n)

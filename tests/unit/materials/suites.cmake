@@ -1,5 +1,6 @@
 gimp_add_unit_test(materials test_elastic)
 gimp_add_unit_test(materials test_hypoelastic)
+gimp_add_unit_test(materials test_objective_rates)
 gimp_add_unit_test(materials test_plastic)
 gimp_add_unit_test(materials test_material_table)
 gimp_add_unit_test(materials test_round_off SINGLE)

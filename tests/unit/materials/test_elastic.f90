@@ -26,6 +26,13 @@ program test_elastic
   call test_wave_bound_at_large_strain("neo_hookean")
   call test_wave_bound_at_large_strain("hencky")
   call test_wave_bound_at_large_strain("linear_elastic")
+  call test_wave_bound("linear_elastic", "green_naghdi")
+  call test_wave_bound("linear_elastic", "truesdell")
+  call test_wave_bound("linear_elastic", "logarithmic")
+  call test_wave_bound_at_large_strain("linear_elastic", "green_naghdi")
+  call test_wave_bound_at_large_strain("linear_elastic", "truesdell")
+  call test_wave_bound_at_large_strain("linear_elastic", "logarithmic")
+  call test_wave_bound_under_pressure()
   call test_wave_bound_in_flow("hencky_von_mises", 5.0_wp)
   call test_wave_bound_in_flow("hencky_von_mises", 100.0_wp)
   call test_wave_bound_in_flow("drucker_prager", 5.0_wp)
@@ -42,8 +49,9 @@ program test_elastic
 contains
 
   !> Any of the models with E = 1000, nu = 0.3, rho = 1000; the plastic ones with a strength of the order given
-  subroutine make(model, strength, material)
+  subroutine make(model, strength, material, rate)
     character(len=*), intent(in) :: model
+    character(len=*), intent(in), optional :: rate !! of linear_elastic
     real(wp), intent(in) :: strength
     class(material_t), allocatable, intent(out) :: material
     type(material_options_t) :: options
@@ -62,6 +70,7 @@ contains
       options%friction_angle = 30
       options%dilation_angle = 10
     end if
+    if (present(rate)) options%rate = rate
     call make_material(options, material, error)
     if (allocated(error)) error stop "the sample material is sound"
   end subroutine make
@@ -279,13 +288,17 @@ contains
   end subroutine wave_traction
 
   !> The estimate is never below the fastest wave, and not far above it at moderate strain
-  subroutine test_wave_bound(model)
+  subroutine test_wave_bound(model, rate)
     character(len=*), intent(in) :: model
+    character(len=*), intent(in), optional :: rate
     class(material_t), allocatable :: material
     real(wp) :: f(lanes, 9), state(lanes, most_states), stress(lanes, 6), tau(lanes, 6), speed2(lanes), found(lanes), size
     real(wp) :: loosest
+    character(len=:), allocatable :: label
     integer :: c, k, seed
-    call make(model, 1.0e6_wp, material)
+    label = model
+    if (present(rate)) label = model//" "//rate
+    call make(model, 1.0e6_wp, material, rate)
     loosest = 0
     do seed = 1, 12
       size = merge(0.05_wp, 0.5_wp, seed <= 6)
@@ -304,19 +317,23 @@ contains
       call material%kirchhoff(f, state, tau, speed2)
       call fastest_wave(material, f, state, found)
       found = found/material%density
-      call check_true(all(speed2 >= found*(1 - 1.0e-8_wp)), model//": no wave is faster than the estimate")
+      call check_true(all(speed2 >= found*(1 - 1.0e-8_wp)), label//": no wave is faster than the estimate")
       if (seed <= 6) loosest = max(loosest, maxval(speed2/found))
     end do
-    call check_true(loosest < 1.25_wp, model//": the estimate is within 12 % of the speed at 5 % strain")
+    call check_true(loosest < 1.25_wp, label//": the estimate is within 12 % of the speed at 5 % strain")
   end subroutine test_wave_bound
 
   !> The same at stretches between 1/5 and 5 about any axes; the hypoelastic law with stresses of the size of its modulus
-  subroutine test_wave_bound_at_large_strain(model)
+  subroutine test_wave_bound_at_large_strain(model, rate)
     character(len=*), intent(in) :: model
+    character(len=*), intent(in), optional :: rate
     class(material_t), allocatable :: material
     real(wp) :: f(lanes, 9), state(lanes, most_states), stress(lanes, 6), tau(lanes, 6), speed2(lanes), found(lanes), worst
+    character(len=:), allocatable :: label
     integer :: c, k, seed
-    call make(model, 1.0e6_wp, material)
+    label = model
+    if (present(rate)) label = model//" "//rate
+    call make(model, 1.0e6_wp, material, rate)
     worst = huge(1.0_wp)
     do seed = 1, 12
       call stretched(seed, 5.0_wp, f)
@@ -332,8 +349,31 @@ contains
       call fastest_wave(material, f, state, found)
       worst = min(worst, minval(speed2*material%density/max(found, 1.0_wp)))
     end do
-    call check_true(worst >= 1 - 1.0e-8_wp, model//": no wave is faster than the estimate at stretches up to 5")
+    call check_true(worst >= 1 - 1.0e-8_wp, label//": no wave is faster than the estimate at stretches up to 5")
   end subroutine test_wave_bound_at_large_strain
+
+  !> Under pressure (or tension, in odd lanes) alone the bounds of the rates are the fastest wave itself
+  subroutine test_wave_bound_under_pressure()
+    character(len=16), parameter :: rates(5) = [character(len=16) :: "hughes_winget", "jaumann", "green_naghdi", "truesdell", &
+      "logarithmic"]
+    class(material_t), allocatable :: material
+    real(wp) :: f(lanes, 9), state(lanes, most_states), stress(lanes, 6), tau(lanes, 6), speed2(lanes), found(lanes)
+    integer :: k, r
+    call stretched(2, 2.0_wp, f)
+    stress = 0
+    do k = 1, lanes
+      stress(k, 1:3) = 40*k*(-1)**(k + 1)
+    end do
+    do r = 1, size(rates)
+      call make("linear_elastic", 1.0_wp, material, trim(rates(r)))
+      state = 0
+      call material%start_state(f, stress, state)
+      call material%kirchhoff(f, state, tau, speed2)
+      call fastest_wave(material, f, state, found)
+      ! of the difference quotients
+      call check(speed2*material%density/found, spread(1.0_wp, 1, lanes), 1.0e-8_wp, trim(rates(r))//": wave speed under pressure")
+    end do
+  end subroutine test_wave_bound_under_pressure
 
   !> F = R1 diag(stretches) R2 with stretches between 1/most and most
   subroutine stretched(seed, most, f)

@@ -243,14 +243,15 @@ contains
 
   !> The whole motion turned by a fixed rotation: the stress is the turned stress, for every scheme
   subroutine test_objectivity()
-    character(len=16), parameter :: rates(3) = [character(len=16) :: "hughes_winget", "hughes_winget", "jaumann"]
-    character(len=16), parameter :: forms(3) = [character(len=16) :: "symmetric", "plain", ""]
+    character(len=16), parameter :: rates(6) = [character(len=16) :: "hughes_winget", "hughes_winget", "jaumann", &
+      "green_naghdi", "truesdell", "logarithmic"]
+    character(len=16), parameter :: forms(6) = [character(len=16) :: "symmetric", "plain", "", "", "", ""]
     class(material_t), allocatable :: material
     real(wp), dimension(lanes, 9) :: l, l_turned, q, back, df, df_turned, unit, x
     real(wp) :: stress(lanes, 6), turned(lanes, 6), state(lanes, states), state_turned(lanes, states), work(lanes)
     integer :: k, n, scheme
     unit = spread(identity, 1, lanes)
-    do scheme = 1, 3
+    do scheme = 1, size(rates)
       call make(trim(rates(scheme)), trim(forms(scheme)), material)
       call random_state(20, l, stress)
       call rotation_cayley(3.0_wp, l, q)

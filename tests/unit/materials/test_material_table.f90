@@ -9,7 +9,8 @@ program test_material_table
   use gimp_material_options, only: is_set, real_option, word_option
   use gimp_hencky_von_mises, only: hencky_von_mises_t
   use gimp_drucker_prager, only: drucker_prager_t
-  use gimp_linear_elastic, only: linear_elastic_t, midpoint_hughes_winget, symmetric_hughes_winget, plain_hughes_winget, explicit_jaumann
+  use gimp_linear_elastic, only: linear_elastic_t
+  use gimp_objective_rates, only: hughes_winget, plain_hughes_winget, explicit_jaumann, green_naghdi, truesdell, logarithmic
   use gimp_check, only: begin_suite, end_suite, check, check_true
   implicit none(type, external)
 
@@ -55,33 +56,43 @@ contains
   end subroutine test_every_model
 
   subroutine test_rates()
-    call scheme_is("", "", midpoint_hughes_winget)
-    call scheme_is("", "symmetric", symmetric_hughes_winget)
-    call scheme_is("hughes_winget", "", midpoint_hughes_winget)
-    call scheme_is("hughes_winget", "symmetric", symmetric_hughes_winget)
-    call scheme_is("", "plain", plain_hughes_winget)
-    call scheme_is("jaumann", "", explicit_jaumann)
+    call rate_is("", "", hughes_winget, .true.)
+    call rate_is("", "symmetric", hughes_winget, .false.)
+    call rate_is("hughes_winget", "", hughes_winget, .true.)
+    call rate_is("hughes_winget", "symmetric", hughes_winget, .false.)
+    call rate_is("", "plain", plain_hughes_winget, .false.)
+    call rate_is("jaumann", "", explicit_jaumann, .false.)
+    call rate_is("green_naghdi", "", green_naghdi, .true.)
+    call rate_is("truesdell", "midpoint", truesdell, .true.)
+    call rate_is("logarithmic", "symmetric", logarithmic, .false.)
   end subroutine test_rates
 
-  subroutine scheme_is(rate, form, scheme)
+  !> What a rate and a form make of a velocity gradient of the start of the step, and that nothing is done to one of its middle
+  subroutine rate_is(rate, form, number, to_middle)
     character(len=*), intent(in) :: rate, form
-    integer, intent(in) :: scheme
+    integer, intent(in) :: number
+    logical, intent(in) :: to_middle
     class(material_t), allocatable :: material
     type(error_t), allocatable :: error
     type(material_options_t) :: options
-    options = sound("linear_elastic")
-    options%rate = rate
-    options%rate_form = form
-    call make_material(options, material, error)
-    call check_true(.not. allocated(error), "rate '"//rate//"', rate_form '"//form//"' is made")
-    if (allocated(error)) return
-    select type (material)
-    type is (linear_elastic_t)
-      call check(material%scheme, scheme, "rate '"//rate//"', rate_form '"//form//"'")
-    class default
-      call check_true(.false., "the model is linear elastic")
-    end select
-  end subroutine scheme_is
+    integer :: of_middle
+    do of_middle = 0, 1
+      options = sound("linear_elastic")
+      options%rate = rate
+      options%rate_form = form
+      options%gradient_of_middle = of_middle == 1
+      call make_material(options, material, error)
+      call check_true(.not. allocated(error), "rate '"//rate//"', rate_form '"//form//"' is made")
+      if (allocated(error)) return
+      select type (material)
+      type is (linear_elastic_t)
+        call check(material%rate, number, "rate '"//rate//"', rate_form '"//form//"'")
+        call check_true(material%to_middle .eqv. (to_middle .and. of_middle == 0), "rate_form '"//form//"': to the middle")
+      class default
+        call check_true(.false., "the model is linear elastic")
+      end select
+    end do
+  end subroutine rate_is
 
   !> What is left out has the default of the input reference
   subroutine test_defaults()
@@ -150,8 +161,8 @@ contains
     options = material_options_t(name="block", model="hencky", density=1.0_wp, poisson_ratio=0.1_wp)
     call complains(options, "&material ""block"": young_modulus is missing; model = 'hencky' needs it")
     options = sound("linear_elastic")
-    options%rate = "truesdell"
-    call complains(options, "&material ""block"": rate = 'truesdell'; must be hughes_winget or jaumann")
+    options%rate = "oldroyd"
+    call complains(options, "&material ""block"": rate = 'oldroyd'; must be hughes_winget, jaumann, green_naghdi, truesdell or logarithmic")
     options = sound("linear_elastic")
     options%rate_form = "skew"
     call complains(options, "&material ""block"": rate_form = 'skew'; must be midpoint, symmetric or plain")
@@ -159,6 +170,8 @@ contains
     options%rate = "jaumann"
     options%rate_form = "plain"
     call complains(options, "&material ""block"": rate_form has no meaning for rate = 'jaumann'; leave it out")
+    options%rate = "truesdell"
+    call complains(options, "&material ""block"": rate_form = 'plain'; is for rate = 'hughes_winget'; must be midpoint or symmetric")
     options = sound("hencky_von_mises")
     options%hardening = "voce"
     call complains(options, "&material ""block"": hardening = 'voce'; must be none, linear or power")
