@@ -164,12 +164,24 @@ contains
     integer :: m
     call check_names(scene, "material", mistakes)
     do m = 1, count_groups(scene, "material")
+      call check_rate(scene, m, mistakes)
       if (.not. (usable(scene, "material", m, "dilation_angle") .and. usable(scene, "material", m, "friction_angle"))) cycle
       if (real_of(scene, "material", m, "dilation_angle") <= real_of(scene, "material", m, "friction_angle")) cycle
       call note_key(mistakes, scene, "material", m, "dilation_angle", "must be at most friction_angle = "// &
                     text_of(real_of(scene, "material", m, "friction_angle")))
     end do
   end subroutine check_materials
+
+  !> The increment is turned by definition in every rate but that of Hughes & Winget
+  pure subroutine check_rate(scene, m, mistakes)
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: m
+    type(mistakes_t), intent(inout) :: mistakes
+    if (.not. (usable(scene, "material", m, "rate") .and. usable(scene, "material", m, "rate_form"))) return
+    if (word_of(scene, "material", m, "rate_form") /= "plain" .or. word_of(scene, "material", m, "rate") == "hughes_winget") return
+    call note_key(mistakes, scene, "material", m, "rate_form", "is for rate = 'hughes_winget'; midpoint or symmetric is wanted with "// &
+                  "rate = '"//trim(word_of(scene, "material", m, "rate"))//"'")
+  end subroutine check_rate
 
   subroutine check_bodies(scene, mistakes)
     type(scene_t), intent(in) :: scene

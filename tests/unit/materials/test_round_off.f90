@@ -27,8 +27,9 @@ program test_round_off
 contains
 
   !> E = 1000, nu = 0.25: lambda = mu = 400; strengths of a hundredth of it
-  subroutine make(model, material)
+  subroutine make(model, material, rate)
     character(len=*), intent(in) :: model
+    character(len=*), intent(in), optional :: rate !! of linear_elastic
     class(material_t), allocatable, intent(out) :: material
     type(material_options_t) :: options
     type(error_t), allocatable :: error
@@ -45,6 +46,7 @@ contains
       options%cohesion = 10
       options%friction_angle = 30
     end if
+    if (present(rate)) options%rate = rate
     call make_material(options, material, error)
     if (allocated(error)) error stop "the sample material is sound"
   end subroutine make
@@ -163,29 +165,41 @@ contains
 
   !> Flat and inverted particles, and strains near the range of exp in single precision
   subroutine test_finite()
+    character(len=16), parameter :: rates(4) = [character(len=16) :: "jaumann", "green_naghdi", "truesdell", "logarithmic"]
     class(material_t), allocatable :: material
-    real(wp) :: f(lanes, 9), df(lanes, 9), l(lanes, 9), state(lanes, room), tau(lanes, 6), x(lanes), stress(lanes, 6)
-    integer :: model, k
-    stress = 0
-    do model = 1, size(models)
-      call make(trim(models(model)), material)
-      f = spread(identity, 1, lanes)
-      state = 0
-      call material%start_state(f, stress, state)
-      do k = 1, lanes
-        df(k, :) = identity*[-1, 0, 0, 0, 1, 0, 0, 0, 1]
-        if (k > 2) df(k, :) = identity*[0, 0, 0, 0, 1, 0, 0, 0, 1]
-        if (k > 4) df(k, :) = 0
-        if (k > 6) df(k, :) = identity*1.0e5_wp
-      end do
-      l = df - f
-      call material%advance_state(1.0_wp, l, df, df, state, x)
-      call check_true(all(abs(state) <= huge(1.0_wp)), trim(models(model))//": history stays finite")
-      call material%kirchhoff(df, state, tau, x)
-      call check_true(all(abs(tau) <= huge(1.0_wp)) .and. all(abs(x) <= huge(1.0_wp)), trim(models(model))//": stress too")
-      call material%stored_energy(df, state, x)
-      call check_true(all(abs(x) <= huge(1.0_wp)), trim(models(model))//": energy too")
+    integer :: n
+    do n = 1, size(models)
+      call make(trim(models(n)), material)
+      call stays_finite(material, trim(models(n)))
+    end do
+    do n = 1, size(rates)
+      call make("linear_elastic", material, trim(rates(n)))
+      call stays_finite(material, trim(rates(n)))
     end do
   end subroutine test_finite
+
+  subroutine stays_finite(material, what)
+    class(material_t), intent(in) :: material
+    character(len=*), intent(in) :: what
+    real(wp) :: f(lanes, 9), df(lanes, 9), l(lanes, 9), state(lanes, room), tau(lanes, 6), x(lanes), stress(lanes, 6)
+    integer :: k
+    stress = 0
+    f = spread(identity, 1, lanes)
+    state = 0
+    call material%start_state(f, stress, state)
+    do k = 1, lanes
+      df(k, :) = identity*[-1, 0, 0, 0, 1, 0, 0, 0, 1]
+      if (k > 2) df(k, :) = identity*[0, 0, 0, 0, 1, 0, 0, 0, 1]
+      if (k > 4) df(k, :) = 0
+      if (k > 6) df(k, :) = identity*1.0e5_wp
+    end do
+    l = df - f
+    call material%advance_state(1.0_wp, l, df, df, state, x)
+    call check_true(all(abs(state) <= huge(1.0_wp)), what//": history stays finite")
+    call material%kirchhoff(df, state, tau, x)
+    call check_true(all(abs(tau) <= huge(1.0_wp)) .and. all(abs(x) <= huge(1.0_wp)), what//": stress too")
+    call material%stored_energy(df, state, x)
+    call check_true(all(abs(x) <= huge(1.0_wp)), what//": energy too")
+  end subroutine stays_finite
 
 end program test_round_off

@@ -152,6 +152,11 @@ contains
                        "hardening_strain = 0; must be above 0")
     call material_says('model = "linear_elastic" rate = "jauman"'//elastic, &
                        'rate = "jauman"; there is no such word; did you mean "jaumann"?')
+    call material_says('model = "linear_elastic" rate = "truesdell" rate_form = "symmetric"'//elastic, "")
+    call material_says('model = "linear_elastic" rate = "truesdell" rate_form = "plain"'//elastic, 'rate_form = "plain"; is for '// &
+                       "rate = 'hughes_winget'; midpoint or symmetric is wanted with rate = 'truesdell'")
+    call material_says('model = "linear_elastic" rate = "jaumann" rate_form = "plain"'//elastic, 'rate_form = "plain"; is not read '// &
+                       "by rate jaumann, only by hughes_winget, green_naghdi, truesdell or logarithmic")
     call material_says(elastic, "model is not set; neo_hookean, linear_elastic, hencky, hencky_von_mises or drucker_prager "// &
                        "is wanted")
     call extra_says('&material name = "rubber" model = "hencky"'//elastic//' /', &
