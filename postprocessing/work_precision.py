@@ -10,7 +10,8 @@ Each grid has CELLS cells along x of the scene's box. A method sets keys of &met
 (GROUP.KEY=value, KEY= takes a key away); a|b tries both. What the scene says only for another method goes away: its domain with
 another basis, its flip_fraction with another transfer. Runs write no frames between first and last.
 
-Seconds count only if runs are alone: one at a time, the fastest of --repeat runs. With --jobs runs are side by side and not timed.
+Seconds count only if runs are alone: one at a time, the cheapest of --repeat runs. With --jobs runs are side by side and not timed.
+On a machine that others use, too, processor time (--seconds processor) is the steadier measure; it includes set-up and output.
 A run whose row is in the CSV file is not repeated; the row is known by scene, method, grid, Courant number, precision, threads and commit.
 Runs that fail, and methods that this build refuses, are rows too; the figure lists them with their reasons. gimp.x is taken from the
 environment variable GIMP_X, from build/bin, or from the PATH; gimp_sp.x from beside it.
@@ -49,7 +50,10 @@ def parse_arguments(words=None):
     parser.add_argument("--expected", metavar="FILE", help="CSV with columns scene,measure,label,cells,expected to compare with, "
                                                            "such as postprocessing/methods/expected.csv")
     parser.add_argument("--threads", type=int, default=1, help="threads of gimp.x (default: 1)")
-    parser.add_argument("--repeat", type=int, default=1, help="timed runs of each case, of which the fastest counts (default: 1)")
+    parser.add_argument("--repeat", type=int, default=1, help="timed runs of each case at most, of which the cheapest counts; fewer if they take long (default: 1)")
+    parser.add_argument("--seconds", default="core", choices=("core", "processor"),
+                        help="core: time of stepping times threads; processor: processor time of the whole program (default: core)")
+    parser.add_argument("--again", action="store_true", help="time all runs once more, those that are there, too; the cheaper time counts")
     parser.add_argument("--jobs", type=int, default=1, help="so many runs side by side, which are then not timed (default: 1, timed)")
     parser.add_argument("--lock", metavar="FILE", help="hold this file while a timed run goes on, so that studies wait for one another")
     parser.add_argument("--longest", type=float, default=600.0, help="seconds after which a run is stopped (default: 600)")
@@ -68,6 +72,7 @@ def parse_arguments(words=None):
     if min(*arguments.cells, arguments.threads, arguments.repeat, arguments.jobs, 1) < 1:
         parser.error("--cells, --threads, --repeat, --jobs: the numbers must be positive")
     arguments.only = [w.strip() for w in arguments.only.split(",") if w.strip()]
+    arguments.cost = f"{arguments.seconds}_seconds"
     arguments.csv = arguments.csv or f"work_precision_{Path(arguments.scene).stem}.csv"
     arguments.plot = arguments.plot or str(Path(arguments.csv).with_suffix(".png"))
     return arguments
@@ -89,8 +94,8 @@ def study_of(arguments):
 class Table:
     """The rows on disk: those that are there, and each new one as soon as its run has ended"""
 
-    def __init__(self, path, any_commit, timed, longest):
-        self.path, self.timed, self.longest = path, timed, longest
+    def __init__(self, path, any_commit, timed, longest, cost):
+        self.path, self.timed, self.longest, self.cost = path, timed, longest, cost
         self.known = len(runs.KEY) - 1 if any_commit else len(runs.KEY)  # the commit is the last part of the key
         self.rows = {self.key(row): row for row in runs.read_rows(path)}
 
@@ -107,6 +112,12 @@ class Table:
         return row | {"label": case.method.label, "group": case.method.group}
 
     def add(self, row):
+        """Take a row in; of two timed ones of the same run the cheaper counts"""
+        before = self.rows.get(self.key(row), {})
+        if self.cost in before and self.cost in row and before["state"] == row["state"] == "done":
+            cheap, dear = sorted((before, row), key=lambda r: r[self.cost])
+            row = cheap | {"timed_runs": before["timed_runs"] + row["timed_runs"],
+                           "slowest_over_fastest": max(r[self.cost]*r["slowest_over_fastest"] for r in (cheap, dear))/cheap[self.cost]}
         row = {name: value for name, value in row.items() if value not in (None, "") and value == value}  # nan: left out
         self.rows[self.key(row)] = row
         runs.write_rows(self.path, self.rows.values())
@@ -123,31 +134,32 @@ def alone(path):
         yield
 
 
-def progress(number, total, row, measure):
+def progress(number, total, row, measure, cost):
     problem = show.problem_of(row, measure)
     told = show.shorten(problem, 110) if problem else f"{measure} {runs.number_of(row, measure):.3e}"
-    seconds = f", {row['core_seconds']:.3g} core-s" if "core_seconds" in row else ""
+    seconds = f", {row[cost]:.3g} s" if cost in row else ""
     gf.say(f"[{number}/{total}] {row['label']}, {row['cells']} cells{', single' if row['precision'] == 'single' else ''}: {told}{seconds}")
 
 
 def run_missing(cases, table, arguments):
-    """Run what has no row yet"""
+    """Run what has no row yet; with --again, also what ended well"""
     timed = arguments.jobs == 1
-    missing = [case for case in cases if table.row_of(case) is None]
+    missing = [case for case in cases if (row := table.row_of(case)) is None or (arguments.again and row["state"] == "done")]
     gf.say(f"{len(missing)} to run, {len(cases) - len(missing)} in {table.path}")
     with tempfile.TemporaryDirectory() as scratch:
         folder = arguments.keep or scratch
 
         def one(case):
             with alone(arguments.lock if timed else None):
-                return runs.measure(case, folder, arguments.threads, arguments.repeat, timed, arguments.longest)
+                return runs.measure(case, folder, arguments.threads, arguments.repeat, timed, arguments.longest,
+                                    arguments.cost)
 
         with ThreadPoolExecutor(arguments.jobs) as workers:
             waiting = [workers.submit(one, case) for case in missing]
             try:
                 for number, done in enumerate(as_completed(waiting), 1):
                     table.add(done.result())
-                    progress(number, len(missing), done.result(), arguments.measure)
+                    progress(number, len(missing), done.result(), arguments.measure, arguments.cost)
             except BaseException:
                 workers.shutdown(wait=True, cancel_futures=True)
                 raise
@@ -156,7 +168,8 @@ def run_missing(cases, table, arguments):
 def main(words=None):
     arguments = parse_arguments(words)
     cases = study_of(arguments)
-    table = Table(arguments.csv, arguments.any_commit, arguments.jobs == 1 and not arguments.only_draw, arguments.longest)
+    table = Table(arguments.csv, arguments.any_commit, arguments.jobs == 1 and not arguments.only_draw, arguments.longest,
+                  arguments.cost)
     if not arguments.only_draw:
         run_missing(cases, table, arguments)
     rows = [row for row in map(table.row_of, cases) if row is not None]
@@ -166,14 +179,15 @@ def main(words=None):
         gf.say(f"{len(cases) - len(rows)} runs of the study have no row yet")
     lines = show.lines_of(rows)
     expected = show.read_expected(arguments.expected) if arguments.expected else None
-    closing = show.table(lines, arguments.measure, expected)
+    closing = show.table(lines, arguments.measure, arguments.cost, expected)
     print(show.plain(closing))
     for problem in show.failures(lines, arguments.measure):
         print("  without a number: " + problem)
     if arguments.table:
         Path(arguments.table).write_text(show.markdown(closing) + "\n")
     title = runs.value_in(cases[0].text, "scene.title") or Path(arguments.scene).stem
-    show.draw(lines, arguments.measure, arguments.plot, title + ("  " + "  ".join(arguments.set) if arguments.set else ""))
+    show.draw(lines, arguments.measure, arguments.plot, title + ("  " + "  ".join(arguments.set) if arguments.set else ""),
+              arguments.cost)
     print(f"{arguments.csv}, {arguments.plot}")
     broken = [row for row in rows if row["state"] == "failed"]
     gf.say(f"{len(rows)} runs, {len(broken)} failed") if broken else None

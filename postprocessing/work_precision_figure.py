@@ -13,7 +13,10 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7
 MARKS = "osD^vP*Xph<>d8H."
 LINES = ("-", "--", ":", "-.")
 ROUND_OFF = 1e-10  # smaller errors are no business of a method; an axis down to 1e-15 would show nothing else
-COSTS = {"core_seconds": "core-seconds (stepping, one run alone) [s]", "particle_steps": "particle-steps (particles × steps)"}
+WORK = "particle_steps"
+AXES = {"core_seconds": "core-seconds (stepping, one run alone) [s]", WORK: "particle-steps (particles × steps)",
+        "processor_seconds": "processor time of the whole run [s]"}
+SHORT = {"core_seconds": "core-s", "processor_seconds": "proc.-s"}
 
 
 @dataclass
@@ -108,10 +111,11 @@ def shown(value, form):
     return format(value, form) if isinstance(value, (int, float)) and math.isfinite(value) else "-"
 
 
-def table(lines, measure, expected=None):
+def table(lines, measure, cost="core_seconds", expected=None):
     """Rows of text, one for a line: errors over the grids, last rate, slopes, speed, cost of the finest run; and what was expected"""
     cells = sorted({int(row["cells"]) for line in lines for row in line.rows})
-    heading = ["method", *(f"{n} cells" for n in cells), "last rate", "slope, core-s", "slope, p-steps", "ns/p-step", "core-s, finest"]
+    heading = ["method", *(f"{n} cells" for n in cells), "last rate", f"slope, {SHORT[cost]}", "slope, p-steps", "ns/p-step",
+               f"{SHORT[cost]}, finest"]
     out = [heading]
     for line in lines:
         by_cells = {int(row["cells"]): row for row in line.rows}
@@ -120,13 +124,13 @@ def table(lines, measure, expected=None):
             row = by_cells.get(n)
             problem = problem_of(row, measure) if row else "-"
             errors.append(problem.split(":")[0].split(",")[0] if problem else f"{number_of(row, measure):.3e}")
-        timed = [row for row in line.rows if number_of(row, "core_seconds") > 0 and number_of(row, "particle_steps") > 0]
+        timed = [row for row in line.rows if number_of(row, cost) > 0 and number_of(row, WORK) > 0]
         finest = timed[-1] if timed else {}  # a run that failed has a speed, but not the cost of a whole run
         order = [r for r in rates(line, measure) if r is not None and math.isfinite(r)]
         out.append([line.name, *errors, shown(order[-1] if order else None, ".2f"),
-                    *(shown(slope(line.points(cost, measure)), ".2f") for cost in COSTS),
-                    shown(1e9*finest["core_seconds"]/finest["particle_steps"] if finest else None, ".0f"),
-                    shown(finest.get("core_seconds") if finest.get("state") == "done" else None, ".3g")])
+                    *(shown(slope(line.points(c, measure)), ".2f") for c in (cost, WORK)),
+                    shown(1e9*finest[cost]/finest[WORK] if finest else None, ".0f"),
+                    shown(finest.get(cost) if finest.get("state") == "done" else None, ".3g")])
         out += expected_row(line, by_cells, cells, measure, expected or {})
     return out
 
@@ -177,28 +181,28 @@ def brief(problem):
 # ---------------------------------------------------------------------------------------------------- figure
 
 
-def draw(lines, measure, path, title):
-    """Two panels for each group of methods: error over core-seconds and over particle-steps; axes are the same for all groups"""
+def draw(lines, measure, path, title, seconds="core_seconds"):
+    """Two panels for each group of methods: error over seconds and over particle-steps; axes are the same for all groups"""
     import matplotlib
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
     groups = [g for g in dict.fromkeys(line.group for line in lines)
-              if any(line.points("particle_steps", measure) for line in lines if line.group == g)] or [""]
+              if any(line.points(WORK, measure) for line in lines if line.group == g)] or [""]
     told = [shorten(text, 165) for text in failures(lines, measure)]
     heights = [max(3.0, 0.19*sum(line.group == g for line in lines) + 0.6) for g in groups]
     figure, panels = plt.subplots(len(groups), 2, squeeze=False, sharex="col", sharey=True, layout="constrained", height_ratios=heights,
                                   figsize=(12.5, 0.9 + sum(heights) + 0.145*len(told)))
-    for column, (cost, words) in enumerate(COSTS.items()):
+    for column, cost in enumerate((seconds, WORK)):
         everything = [p for line in lines for p in line.points(cost, measure) if p[1] > 0]
         for group, axes in zip(groups, panels[:, column]):
             mates = [line for line in lines if line.group == group]
-            draw_panel(axes, mates, cost, measure, pareto(everything))
+            draw_panel(axes, mates, cost, seconds, measure, pareto(everything))
             axes.set_title(group, fontsize=10, loc="left")
-        panels[-1, column].set_xlabel(words)
+        panels[-1, column].set_xlabel(AXES[cost])
         if not everything:
-            panels[0, column].text(0.5, 0.5, "not timed: runs were side by side" if cost == "core_seconds" else "no run has an error",
+            panels[0, column].text(0.5, 0.5, "not timed: runs were side by side" if cost == seconds else "no run has an error",
                                    transform=panels[0, column].transAxes, ha="center", color="0.4")
-    shown_errors = [e for line in lines for _, e in line.points("particle_steps", measure) if e >= ROUND_OFF]
+    shown_errors = [e for line in lines for _, e in line.points(WORK, measure) if e >= ROUND_OFF]
     if shown_errors:
         spread = max(shown_errors)/min(shown_errors)
         panels[0, 0].set_ylim(min(shown_errors)/(1.2*spread**0.06), max(shown_errors)*1.2*spread**0.1)  # room for the marks at the edges
@@ -207,7 +211,7 @@ def draw(lines, measure, path, title):
     for axes in panels[:, 1]:
         if axes.get_legend_handles_labels()[0]:
             axes.legend(fontsize=7.5, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, alignment="left",
-                        title="(slope over core-seconds | particle-steps)", title_fontsize=7.5)
+                        title="(slope over seconds | particle-steps)", title_fontsize=7.5)
     cells = sorted({int(row["cells"]) for line in lines for row in line.rows})
     figure.suptitle(f"{title}\n", fontsize=12)
     figure.text(0.5, 1 - 0.42/figure.get_figheight(), f"points of a line: {', '.join(map(str, cells))} cells along x; grey: Pareto "
@@ -221,7 +225,7 @@ def draw(lines, measure, path, title):
     plt.close(figure)
 
 
-def draw_panel(axes, lines, cost, measure, front):
+def draw_panel(axes, lines, cost, seconds, measure, front):
     """One group of methods over one cost"""
     from matplotlib.ticker import LogFormatterSciNotation, LogLocator
     axes.set_xscale("log")
@@ -230,7 +234,7 @@ def draw_panel(axes, lines, cost, measure, front):
         axes.plot(*zip(*front), color="0.85", linewidth=5, drawstyle="steps-post", solid_capstyle="round", solid_joinstyle="round", zorder=1)
     for line in lines:
         points = line.points(cost, measure)
-        slopes = [slope(line.points(c, measure)) for c in COSTS]
+        slopes = [slope(line.points(c, measure)) for c in (seconds, WORK)]
         label = f"{line.name}  ({shown(slopes[0], '.2f')} | {shown(slopes[1], '.2f')})"
         face = "white" if line.precision == "single" else line.colour
         above = [(c, e) for c, e in points if e >= ROUND_OFF]

@@ -27,8 +27,10 @@ FROM_SUMMARY = ("steps", "particles", "wall_seconds", "particle_steps_per_second
                 "error_max", "error_rms_velocity", "error_rms_stress", "error_scale", "error_scale_by", "energy_drift",
                 "energy_residual", "momentum_residual", "dt_min", "dt_max", "cut_nodes", "bytes_per_particle", "state_hash", "compiler")
 KEPT = ("energy_kept", "kinetic_energy_kept", "angular_momentum_kept")
-COLUMNS = (*KEY, "group", "label", "h", "state", "reason", "particle_steps", "core_seconds", "timed_runs", "slowest_over_fastest",
+COLUMNS = (*KEY, "group", "label", "h", "state", "reason", "particle_steps", "core_seconds", "processor_seconds", "timed_runs", "slowest_over_fastest",
            "processor_share", *KEPT, *FROM_SUMMARY)
+TIMINGS = ("wall_seconds", "core_seconds", "processor_seconds", "processor_share", "particle_steps_per_second",
+           "particle_steps_per_core_second")
 TEXTS = {*KEY, "group", "label", "state", "reason", "error_scale_by", "state_hash", "compiler"}
 
 
@@ -171,11 +173,14 @@ def plan(scene, text, methods, cells, courants, programs, threads, deciders):
 # ---------------------------------------------------------------------------------------------------- one run
 
 
-def measure(case, folder, threads, repeat, timed, longest):
-    """Run a case and return its row. Timed: the fastest of `repeat` runs, with the spread"""
+ENOUGH = 2.0  # seconds of timed runs, after which a case is not repeated: long runs vary less
+
+
+def measure(case, folder, threads, repeat, timed, longest, cost="core_seconds"):
+    """Run a case and return its row. Timed: the cheapest of `repeat` runs, or of those that fit in ENOUGH, with the spread"""
     row = dict(zip(KEY, case.key)) | {"group": case.method.group, "label": case.method.label, "h": case.h, "state": "done", "reason": ""}
-    best, seconds = {}, []
-    for _ in range(repeat if timed else 1):
+    best, costs = {}, []
+    while not costs or (timed and len(costs) < repeat and sum(costs) < ENOUGH):
         before, start = used_by_children(), os.times().elapsed
         output = Path(folder) / f"{case.name}.vtkhdf"
         output.unlink(missing_ok=True)
@@ -183,28 +188,25 @@ def measure(case, folder, threads, repeat, timed, longest):
             gf.run_scene(case.text, folder, case.name, case.program, threads, environment={"OMP_WAIT_POLICY": "passive"}, longest=longest)
         except gf.RunError as problem:
             row["state"], row["reason"] = what_happened(problem)
-            if row["state"] == "too long":
-                row["wall_seconds"] = longest
-        share = (used_by_children() - before)/(os.times().elapsed - start + 1e-9)/threads
+        used, elapsed = used_by_children() - before, os.times().elapsed - start
         if row["state"] not in ("done", "failed"):
-            return row
+            return row | ({"wall_seconds": longest} if row["state"] == "too long" else {})
         found = figures(output)
-        if row["state"] == "failed" or "wall_seconds" not in found:
+        if "wall_seconds" in found:
+            found |= {"core_seconds": found["wall_seconds"]*threads, "processor_seconds": used,
+                      "processor_share": used/(elapsed*threads + 1e-9)}
+        costs.append(found.get(cost, 0.0))
+        if costs[-1] == min(costs):
             best = found
+        if row["state"] == "failed" or cost not in found:
             break
-        seconds.append(found["wall_seconds"])
-        if found["wall_seconds"] <= min(seconds):
-            best, best["processor_share"] = found, share
     row.update(best)
-    if not timed:
-        for name in ("wall_seconds", "particle_steps_per_second", "particle_steps_per_core_second", "processor_share"):
-            row.pop(name, None)
-    elif seconds:
-        row |= {"timed_runs": len(seconds), "slowest_over_fastest": max(seconds)/max(min(seconds), 1e-9)}
+    if timed:
+        row |= {"timed_runs": len(costs), "slowest_over_fastest": max(costs)/max(min(costs), 1e-9)}
+    else:
+        row = {name: value for name, value in row.items() if name not in TIMINGS}
     if "steps" in row and "particles" in row:
         row["particle_steps"] = row["steps"]*row["particles"]
-    if "wall_seconds" in row:
-        row["core_seconds"] = row["wall_seconds"]*threads
     return row
 
 

@@ -51,6 +51,7 @@ def test_a_study_from_runs_to_figure(study, tmp_path):
         assert fine["h"] == 50/32 and fine["courant"] == "0.3"
         assert fine["particle_steps"] == fine["particles"]*fine["steps"] == 4*coarse["particle_steps"]  # twice the cells, half the step
         assert fine["core_seconds"] == fine["wall_seconds"]*1 > 0
+        assert fine["processor_seconds"] > 0 and fine["timed_runs"] == 1
         assert abs(fine["energy_residual"]) < 1e-12
     # the tables of docs/verification.md, to their digits: 8 and 16 cells over the bar
     assert [rows["cpgimp", n]["error_rms"] for n in ("16", "32")] == pytest.approx([1.906e-2, 4.709e-3], rel=1e-3)
@@ -108,8 +109,12 @@ def test_side_by_side_gives_the_same_errors_and_no_seconds(study, tmp_path):
     assert all("core_seconds" not in row and "wall_seconds" not in row for row in rows.values())
     assert rows["cpgimp", "32"]["error_rms"] == pytest.approx(4.709e-3, rel=1e-3)
     assert_drawn(tmp_path / "study.png", width=1000, height=300)
-    timed, _, err = study("--only", "cpgimp")
-    assert "2 to run" in err and timed["cpgimp", "32"]["core_seconds"] > 0
+    timed, out, err = study("--only", "cpgimp", "--repeat", "3", "--seconds", "processor")
+    assert "2 to run" in err and timed["cpgimp", "32"]["core_seconds"] > 0 and "slope, proc.-s" in out
+    assert timed["cpgimp", "32"]["timed_runs"] == 3 and timed["cpgimp", "32"]["slowest_over_fastest"] >= 1
+    again, _, err = study("--only", "cpgimp", "--again", "--seconds", "processor")
+    assert "2 to run" in err and again["cpgimp", "32"]["timed_runs"] == 4
+    assert again["cpgimp", "32"]["processor_seconds"] <= timed["cpgimp", "32"]["processor_seconds"]
     assert timed["cpgimp", "32"]["state_hash"] == rows["cpgimp", "32"]["state_hash"]
 
 
