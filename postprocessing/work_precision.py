@@ -182,7 +182,7 @@ def main(words=None):
     closing = show.table(lines, arguments.measure, arguments.cost, expected)
     print(show.plain(closing))
     for problem in show.failures(lines, arguments.measure):
-        print("  without a number: " + problem)
+        print("  no result: " + problem)
     if arguments.table:
         Path(arguments.table).write_text(show.markdown(closing) + "\n")
     title = runs.value_in(cases[0].text, "scene.title") or Path(arguments.scene).stem

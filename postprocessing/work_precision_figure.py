@@ -13,6 +13,7 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7
 MARKS = "osD^vP*Xph<>d8H."
 LINES = ("-", "--", ":", "-.")
 ROUND_OFF = 1e-10  # smaller errors are no business of a method; an axis down to 1e-15 would show nothing else
+WILD = 2.0  # times the scale: such a run ended without complaint and is no solution
 WORK = "particle_steps"
 AXES = {"core_seconds": "core-seconds (stepping, one run alone) [s]", WORK: "particle-steps (particles × steps)",
         "processor_seconds": "processor time of the whole run [s]"}
@@ -159,13 +160,15 @@ def markdown(rows):
 
 
 def failures(lines, measure):
-    """What has no point and why: a text for each method and grid that failed, one for all methods that the build does not have"""
+    """What has no point, or a wild one, and why; one text for all methods that the build does not have"""
     missing, found = [], {}
     for line in lines:
         for row in line.rows:
             problem = problem_of(row, measure)
             if problem and row["state"] == "not in this build":
                 missing += [line.name] if line.name not in missing else []
+            elif not problem and number_of(row, measure) > WILD and (measure in ("error_rms", "error_max") or measure.endswith("_loss")):
+                found.setdefault((line.name, f"exit code 0, but {measure} = {number_of(row, measure):.3g}"), []).append(row["cells"])
             elif problem:
                 found.setdefault((line.name, brief(problem)), []).append(row["cells"])
     texts = [f"{name}, {', '.join(cells)} cells: {problem}" for (name, problem), cells in found.items()]
@@ -217,7 +220,7 @@ def draw(lines, measure, path, title, seconds="core_seconds"):
     figure.text(0.5, 1 - 0.42/figure.get_figheight(), f"points of a line: {', '.join(map(str, cells))} cells along x; grey: Pareto "
                 "front of all methods here; ×, at the top: failed run, at the work it had done", ha="center", fontsize=8.5, color="0.3")
     if told:
-        figure.supxlabel("\n".join(["Runs without a point:", *told]), fontsize=7, x=0.01, ha="left", color="0.25")
+        figure.supxlabel("\n".join(["Runs without a point, or with a wild one:", *told]), fontsize=7, x=0.01, ha="left", color="0.25")
     try:
         figure.savefig(path, dpi=110)
     except (OSError, ValueError) as problem:

@@ -13,6 +13,7 @@ import gimp_files as gf  # noqa: E402
 import namelist  # noqa: E402
 import work_precision  # noqa: E402
 import work_precision_figure as show  # noqa: E402
+import work_precision_overview  # noqa: E402
 import work_precision_runs as runs  # noqa: E402
 
 METHODS = """# two that run, one that cannot, one that no build knows, one that makes no sense
@@ -179,3 +180,20 @@ def test_expected_values_have_known_labels():
     with open(folder / "expected.csv", newline="") as file:
         for row in csv.DictReader(file):
             assert row["label"] in labels and (INPUTS / f"{row['scene']}.nml").exists() and float(row["expected"]) > 0
+
+
+def test_overview_of_two_studies(tmp_path, capsys):
+    """Costs against `linear` on the same grid, errors with the rate from the next coarser one"""
+    for name, factor in (("a", 2.0), ("b", 4.0)):
+        rows = [dict(scene=name, method=label, label=label, cells=str(n), h=1/n, precision="double", state="done", commit="c", threads="1",
+                     error_rms=5.0*n**-2.0, energy_kept=1.5, particle_steps=n**3, core_seconds=n**3*1e-3*(factor if label == "cpgimp" else 1))
+                for label in ("linear", "cpgimp") for n in (8, 16)]
+        runs.write_rows(tmp_path / f"{name}.csv", rows)
+    (tmp_path / "m.txt").write_text("[bases]\nlinear: basis=linear\ncpgimp: basis=cpgimp\ncpdi: basis=cpdi\n")
+    work_precision_overview.main([f"{tmp_path}/a.csv:error_rms:16", f"{tmp_path}/b.csv:energy_loss:8", "--methods", str(tmp_path / "m.txt")])
+    assert capsys.readouterr().out.splitlines()[2:] == [
+        "| linear | 1.00 (1.00 to 1.00) | 1.95e-02 (2.0) | 5.00e-01 |",
+        "| cpgimp | 3.00 (2.00 to 4.00) | 1.95e-02 (2.0) | 5.00e-01 |",
+        "| cpdi | - | - | - |"]
+    with pytest.raises(gf.GimpError, match="FILE:MEASURE:CELLS"):
+        work_precision_overview.main([f"{tmp_path}/a.csv", "--methods", str(tmp_path / "m.txt")])
