@@ -50,7 +50,8 @@ def parse_arguments(words=None):
     parser.add_argument("--expected", metavar="FILE", help="CSV with columns scene,measure,label,cells,expected to compare with, "
                                                            "such as postprocessing/methods/expected.csv")
     parser.add_argument("--threads", type=int, default=1, help="threads of gimp.x (default: 1)")
-    parser.add_argument("--repeat", type=int, default=1, help="timed runs of each case at most, of which the cheapest counts; fewer if they take long (default: 1)")
+    parser.add_argument("--repeat", type=int, default=1,
+                        help="timed runs of each case at most, of which the cheapest counts; fewer if they take long (default: 1)")
     parser.add_argument("--seconds", default="core", choices=("core", "processor"),
                         help="core: time of stepping times threads; processor: processor time of the whole program (default: core)")
     parser.add_argument("--again", action="store_true", help="time all runs once more, those that are there, too; the cheaper time counts")
