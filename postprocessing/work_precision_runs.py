@@ -86,7 +86,7 @@ def parse_method(line, group="", keys_of_time=()):
 
 def read_methods(source, keys_of_time=(), wanted=()):
     """Methods from a file, or from text with semicolons between them; `wanted` names groups or labels to take"""
-    lines = Path(source).read_text().splitlines() if Path(source).is_file() else source.split(";")
+    lines = Path(source).read_text().splitlines() if os.path.isfile(source) else source.split(";")
     methods, group = [], ""
     for line in lines:
         line = line.split("#")[0].strip()

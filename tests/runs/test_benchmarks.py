@@ -262,3 +262,14 @@ def test_a_build_compared_with_itself_does_not_differ(build_folder, capsys):
                            "--transfers", "flip", "--steps", "10"])
     line = capsys.readouterr().out.splitlines()[-1].split()
     assert code == 0 and line[:4] == ["square2d", "ugimp", "flip", "10"] and [float(word) for word in line[4:7]] == [0.0]*3 and line[7:] == ["the", "same"]
+
+
+def test_method_cost_tells_refused_methods_and_writes_its_table(tmp_path, gimp_x):
+    done = subprocess.run([sys.executable, str(BENCHMARKS / "method_cost.py"), "--case", "square2d", "--particles", "1024", "--pairs", "1", "--steps", "4",
+                           "--methods", "cpdi: basis=cpdi stress_update=usl; tents: basis=linear transfer=apic", "--markdown", str(tmp_path / "cost.md")],
+                          capture_output=True, text=True, env={**os.environ, "GIMP_X": str(gimp_x)})
+    assert done.returncode == 0, done.stderr
+    assert "tents: gimp.x refuses" in done.stderr and "diverges with basis" in done.stderr
+    heading, _, line = (tmp_path / "cost.md").read_text().splitlines()
+    assert "1024 particles of square2d" in heading
+    assert line.startswith("| cpdi | ") and 0.1 < float(line.split("|")[2]) < 100.0
