@@ -139,7 +139,7 @@ def test_document_holds_every_kind_of_table():
 
 def test_equal_reasons_are_told_once():
     found = [(cases.Measurement("cube3d", basis, "flip", 32, 1, 32768), "no gimp_sp.x") for basis in cases.BASES]
-    assert reporting.grouped(found) == ["cube3d linear flip single, cube3d ugimp flip single, cube3d cpgimp flip single, cube3d bspline2 flip single: no gimp_sp.x"]
+    assert reporting.grouped(found) == ["cube3d linear flip single, cube3d ugimp flip single, cube3d cpgimp flip single, cube3d bspline2 flip single, cube3d cpdi flip single: no gimp_sp.x"]
 
 
 def test_picture_and_csv(tmp_path):
