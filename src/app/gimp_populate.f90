@@ -12,7 +12,7 @@ module gimp_populate
   use gimp_point_domains, only: half_edges, limit_edges
   use gimp_domains, only: domain_half_lengths
   use gimp_verification, only: verification_t, exact_motion
-  use gimp_measures, only: chunk_reference
+  use gimp_measures, only: chunk_reference, chunk_deformation
   use gimp_snapshot, only: needs_reference
   use gimp_run_state, only: stepper_t
   use gimp_engine, only: affine_none
@@ -229,7 +229,27 @@ contains
     end do
     s%engine%particles%n = population%n
     population%fill = fill_t()
+    if (s%engine%total) call check_undeformed(s, error)
   end subroutine populate
+
+  !> A total Lagrangian run takes the start for the undeformed state
+  subroutine check_undeformed(s, error)
+    type(stepper_t), intent(in) :: s
+    type(error_t), allocatable, intent(out) :: error
+    real(wp) :: f(lanes, 9)
+    integer :: c, k, l
+    do c = 1, s%engine%particles%chunks
+      call chunk_deformation(s%engine%particles, c, f)
+      do k = 1, 9
+        do l = 1, lanes
+          if (s%engine%particles%id(l, c) == 0 .or. f(l, k) == merge(1.0_wp, 0.0_wp, modulo(k, 4) == 1)) cycle
+          call raise(error, "&method: formulation = 'total': particle "//text_of(s%engine%particles%id(l, c))// &
+                     " starts deformed; bodies must start undeformed, with F = I")
+          return
+        end do
+      end do
+    end do
+  end subroutine check_undeformed
 
   !> The fields that this scene stores, and nothing else
   subroutine announce_fields(scene, s, population)
@@ -263,6 +283,7 @@ contains
       if (is_sampled(s%engine%basis)) call add_field(p, "domain", d*d, p%domain, "basis = "//word_of(scene, "method", 1, "basis"))
       if (s%engine%affine /= affine_none) call add_field(p, "affine", d*d, p%affine, &
         "transfer = "//word_of(scene, "method", 1, "transfer"))
+      if (s%engine%total) call add_field(p, "displacement", d, p%displacement, "formulation = total")
       if (reference) call add_field(p, "reference", d, p%reference, "verification or displacement in the output")
       if (allocated(s%engine%body_force)) call add_field(p, "force", d, p%force, "body force of the solution")
       if (face_loads) call add_field(p, "faces", 1, p%faces, "loads on faces")

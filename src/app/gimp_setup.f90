@@ -6,7 +6,7 @@ module gimp_setup
   use gimp_grid, only: make_grid
   use gimp_basis, only: basis_of_word, basis_linear, basis_cpgimp, basis_ugimp, is_sampled, spline_degree
   use gimp_point_domains, only: corner_rule, volume_rule, surface_rule, simpson_rule
-  use gimp_domains, only: domain_of_word, domain_edges
+  use gimp_domains, only: domain_of_word, domain_edges, domain_fixed
   use gimp_material_options, only: material_options_t
   use gimp_material_table, only: make_material
   use gimp_verification, only: verification_t, verification_options_t, make_verification, has_body_force
@@ -153,6 +153,8 @@ contains
     s%engine%domain_rule = 0
     if (s%engine%basis == basis_cpgimp) s%engine%domain_rule = domain_of_word(word_of(scene, "method", 1, "domain"))
     if (is_sampled(s%engine%basis)) call set_up_points(scene, s)
+    s%engine%total = word_of(scene, "method", 1, "formulation") == "total"
+    if (s%engine%total) call set_up_total(scene, s, error)
     if (spline_degree(s%engine%basis) > 0) call set_up_spline(scene, s, error)
     s%engine%list_kernel = word_of(scene, "method", 1, "kernel") == "list"
     select case (word_of(scene, "method", 1, "deformation_update"))
@@ -199,6 +201,28 @@ contains
     if (word_of(scene, "time", 1, "stability_check") /= "none") call complain(error, scene, "time", 1, "stability_check", &
       "does not know the forces of transfer = 'mls'")
   end subroutine check_least_squares
+
+  !> Total Lagrangian: domains stay as they start, and what follows present places is refused
+  subroutine set_up_total(scene, s, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    type(error_t), allocatable, intent(inout) :: error
+    integer :: b
+    s%engine%domain_rule = domain_fixed
+    if (word_of(scene, "method", 1, "deformation_update") /= "forward") call complain(error, scene, "method", 1, &
+      "deformation_update", "must be forward with formulation = 'total', whose gradients refer to the start: it is exact there")
+    if (word_of(scene, "time", 1, "stability_check") /= "none") call complain(error, scene, "time", 1, "stability_check", &
+      "does not know the forces of formulation = 'total'")
+    do b = 1, count_groups(scene, "boundary")
+      if (word_of(scene, "boundary", b, "condition") == "free" .and. word_of(scene, "boundary", b, "leaving") == "remove") &
+        call complain(error, scene, "boundary", b, "leaving", "has no meaning with formulation = 'total': particles never leave "// &
+                      "the places of the start")
+    end do
+    do b = 1, count_groups(scene, "body")
+      if (is_given(scene, "body", b, "deformation_gradient")) call complain(error, scene, "body", b, "deformation_gradient", &
+        "cannot be had with formulation = 'total': bodies must start undeformed")
+    end do
+  end subroutine set_up_total
 
   !> Points at which a basis samples its domains, and how large these may grow
   subroutine set_up_points(scene, s)

@@ -139,7 +139,7 @@ contains
     type(load_t), intent(in) :: load
     integer(i8), intent(in) :: faces !! bits x_low, x_high, y_low, ...
     real(dp), intent(in) :: time
-    real(dp) :: x(3), f(3, 3), r(3, 3), area(3), force(3), side, h
+    real(dp) :: x(3), f(3, 3), r(3, 3), s(3, 3), area(3), force(3), side, h
     integer :: bit, k, d, a, b, q, i, j
     d = engine%grid%dim
     h = engine%grid%spacing
@@ -156,11 +156,18 @@ contains
     do k = 1, d
       r(:, k) = f(:, k)*initial_half(engine, c, l, k)
     end do
+    s = r ! where the weights see them: at the start, in a total Lagrangian run
+    if (engine%total) then
+      s = 0.0_dp
+      do k = 1, d
+        s(k, k) = initial_half(engine, c, l, k)
+      end do
+    end if
     do bit = 0, 2*d - 1
       if (.not. btest(faces, bit)) cycle
       k = bit/2 + 1
       side = merge(-1.0_dp, 1.0_dp, modulo(bit, 2) == 0)
-      x = place_of(engine, g, c, l) + side*r(:, k)
+      x = place_of(engine, g, c, l) + side*s(:, k)
       a = modulo(k, 3) + 1
       b = modulo(k + 1, 3) + 1
       area = side*cross(edge_of(a), edge_of(b)) ! outward area vector of the deformed face [m2]
@@ -175,13 +182,13 @@ contains
         call add_point(loads, x, force)
       case (2)
         q = merge(a, b, a <= 2)
-        call add_point(loads, x - r(:, q), 0.5_dp*force)
-        call add_point(loads, x + r(:, q), 0.5_dp*force)
+        call add_point(loads, x - s(:, q), 0.5_dp*force)
+        call add_point(loads, x + s(:, q), 0.5_dp*force)
       case default
-        call add_point(loads, x - r(:, a) - r(:, b), 0.25_dp*force)
-        call add_point(loads, x + r(:, a) - r(:, b), 0.25_dp*force)
-        call add_point(loads, x - r(:, a) + r(:, b), 0.25_dp*force)
-        call add_point(loads, x + r(:, a) + r(:, b), 0.25_dp*force)
+        call add_point(loads, x - s(:, a) - s(:, b), 0.25_dp*force)
+        call add_point(loads, x + s(:, a) - s(:, b), 0.25_dp*force)
+        call add_point(loads, x - s(:, a) + s(:, b), 0.25_dp*force)
+        call add_point(loads, x + s(:, a) + s(:, b), 0.25_dp*force)
       end select
     end do
 

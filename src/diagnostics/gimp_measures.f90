@@ -43,10 +43,15 @@ contains
     type(group_t), intent(in) :: group
     integer, intent(in) :: c
     real(dp), intent(out) :: x(lanes, 3)
-    integer :: k
+    integer :: k, u
     x = 0.0_dp
     do k = 1, engine%grid%dim
       x(:, k) = engine%grid%lower(k) + engine%grid%spacing*(real(engine%particles%p(:, k, c), dp) + group%at(k)*engine%grid%edge(k))
+    end do
+    u = engine%particles%displacement%first
+    if (u == 0) return
+    do k = 1, engine%grid%dim
+      x(:, k) = x(:, k) + engine%grid%spacing*real(engine%particles%p(:, u + k - 1, c), dp)
     end do
   end subroutine chunk_position
 
@@ -144,13 +149,17 @@ contains
     real(dp), intent(in) :: m
     real(dp) :: spin(3)
     type(weight_list_t) :: list
-    real(wp) :: inertia(3, 3)
+    real(wp) :: inertia(3, 3), f(lanes, 9)
     real(dp) :: b(3, 3)
     integer :: d, k, q
     d = engine%grid%dim
     associate (p => engine%particles)
       call particle_list(engine, at, c, l, list)
       inertia = inertia_of_list(d, p%p(l, 1:d, c), make_spline(spline_degree(engine%basis), engine%grid, at), list)
+      if (engine%total) then ! arms to nodes are those of the start; F turns them
+        call chunk_deformation(p, c, f)
+        inertia = matmul(inertia, reshape(f(l, :), [3, 3]))
+      end if
       b = 0.0_dp
       do k = 1, d
         q = p%affine%first + d*(k - 1)

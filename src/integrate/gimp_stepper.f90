@@ -73,7 +73,7 @@ contains
     checks = .false.
     if (s%time_options%check /= check_none) checks = modulo(s%step, int(s%time_options%check_every, i8)) == 0
     if (checks) call check_stability(s)
-    call next_step(s%time_options, s%engine%grid%spacing, s%rate, s%speed, s%strain_rate, s%critical, last, until, s%dt, &
+    call next_step(s%time_options, s%engine%grid%spacing, s%rate, merge(0.0_dp, s%speed, s%engine%total), s%strain_rate, s%critical, last, until, s%dt, &
                    s%free_dt, s%limit)
     if (checks) s%critical_share = max(s%critical_share, s%dt/s%critical)
     if (s%dt < s%time_options%smallest .and. s%limit /= limit_output) then

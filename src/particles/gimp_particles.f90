@@ -39,7 +39,8 @@ module gimp_particles
     type(field_t), allocatable :: fields(:) !! what this scene stores: the one list all else walks
     type(field_t) :: position, velocity, deformation, mass, volume !! always stored, in this order
     type(field_t) :: half_length !! initial half lengths in cells, when they differ between particles
-    type(field_t) :: domain !! present half lengths in cells (cpgimp)
+    type(field_t) :: domain !! present half lengths in cells (cpgimp), or half-edge vectors (cpdi, gauss_gimp)
+    type(field_t) :: displacement !! since the start [cells], where positions stay at the start (total Lagrangian)
     type(field_t) :: reference !! position at the start, from the corner of the box [cells]
     type(field_t) :: force !! external force on the particle [N]
     type(field_t) :: faces !! bit mask of loaded faces, as a whole number

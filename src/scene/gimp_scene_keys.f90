@@ -268,7 +268,7 @@ contains
              when="kind=traction|pressure|point_force")
     call add(t, n, g, "acceleration", kind_real, "acceleration of all bodies", count_axis, unit="m/s2", required=.true., &
              when="kind=gravity")
-    call add(t, n, g, "traction", kind_real, "force per area of the undeformed face, direction kept", count_axis, unit="Pa", &
+    call add(t, n, g, "traction", kind_real, "force per area of the deformed face, direction kept", count_axis, unit="Pa", &
              required=.true., when="kind=traction")
     call add(t, n, g, "pressure", kind_real, "pressure, positive pushes inwards", unit="Pa", required=.true., &
              when="kind=pressure")
@@ -310,6 +310,8 @@ contains
              default="musl")
     call add(t, n, g, "integrator", kind_word, "time integrator", words="symplectic", default="symplectic", &
              planned="generalized_alpha newmark implicit")
+    call add(t, n, g, "formulation", kind_word, "updated: weights at present places; total: at those of the start, for bodies that "// &
+             "start undeformed and touch nothing", words="updated total", default="updated")
     call add(t, n, g, "deformation_update", kind_word, "update of F from the velocity gradient", &
              words="forward cayley exponential", default="forward")
     call add(t, n, g, "half_step_start", kind_logical, "first velocity update is half a step, as leap-frog wants it", &

@@ -100,6 +100,7 @@ module gimp_engine
     type(point_rule_t) :: rule !! of a basis that samples its domains
     real(wp) :: longest_diagonal = 1.0_wp !! of such a domain [cells]; longer ones are scaled
     integer :: affine = affine_none !! affine part of the velocity transfer
+    logical :: total = .false. !! total Lagrangian: weights are those of the start, and so are gradients
     integer :: f_update = 1 !! 1 Cayley, 2 forward, 3 exponential
     logical :: list_kernel = .false. !! walk weight lists everywhere
     real(wp), pointer, contiguous :: g(:, :, :) => null() !! (field, node of block, slot)

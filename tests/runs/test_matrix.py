@@ -40,6 +40,7 @@ BASES = {
     "cpgimp diagonal": {"basis": "cpgimp", "domain": "diagonal"},
     "cpgimp volume": {"basis": "cpgimp", "domain": "volume"},
     "cpdi": {"basis": "cpdi"},
+    "cpgimp total": {"basis": "cpgimp", "formulation": "total"},
     "gauss simpson": {"basis": "gauss_gimp", "quadrature": "simpson"},
     "gauss surface": {"basis": "gauss_gimp", "quadrature": "surface"},
     "gauss volume": {"basis": "gauss_gimp", "quadrature": "volume"},
