@@ -44,6 +44,7 @@ def parse_arguments(words=None):
                         help="what counts as the error: error_rms, error_max, error_rms_velocity, error_rms_stress, energy_loss, "
                              "kinetic_energy_loss, angular_momentum_loss (|1 - end/start|), or another number of the table "
                              "(default: error_rms)")
+    parser.add_argument("--name", help="name of the study in the table and among the expected numbers (default: that of the scene file)")
     parser.add_argument("--csv", metavar="FILE", help="table of all runs, gone on from (default: work_precision_SCENE.csv)")
     parser.add_argument("--plot", metavar="FILE", help="figure (default: the name of the table with .png)")
     parser.add_argument("--table", metavar="FILE", help="write the closing table as Markdown, too")
@@ -74,7 +75,8 @@ def parse_arguments(words=None):
         parser.error("--cells, --threads, --repeat, --jobs: the numbers must be positive")
     arguments.only = [w.strip() for w in arguments.only.split(",") if w.strip()]
     arguments.cost = f"{arguments.seconds}_seconds"
-    arguments.csv = arguments.csv or f"work_precision_{Path(arguments.scene).stem}.csv"
+    arguments.name = arguments.name or Path(arguments.scene).stem
+    arguments.csv = arguments.csv or f"work_precision_{arguments.name}.csv"
     arguments.plot = arguments.plot or str(Path(arguments.csv).with_suffix(".png"))
     return arguments
 
@@ -89,7 +91,7 @@ def study_of(arguments):
         methods = [runs.Method("as the scene has it", ())]
     else:
         methods = runs.read_methods(arguments.methods, keys_of_time, arguments.only)
-    return runs.plan(Path(arguments.scene).stem, text, methods, arguments.cells, arguments.courant, programs, arguments.threads, deciders)
+    return runs.plan(arguments.name, text, methods, arguments.cells, arguments.courant, programs, arguments.threads, deciders)
 
 
 class Table:
@@ -184,6 +186,8 @@ def main(words=None):
     print(show.plain(closing))
     for problem in show.failures(lines, arguments.measure):
         print("  no result: " + problem)
+    if expected:
+        print(show.verdict(lines, arguments.measure, expected))
     if arguments.table:
         Path(arguments.table).write_text(show.markdown(closing) + "\n")
     title = runs.value_in(cases[0].text, "scene.title") or Path(arguments.scene).stem

@@ -132,20 +132,36 @@ def table(lines, measure, cost="core_seconds", expected=None):
                     *(shown(slope(line.points(c, measure)), ".2f") for c in (cost, WORK)),
                     shown(1e9*finest[cost]/finest[WORK] if finest else None, ".0f"),
                     shown(finest.get(cost) if finest.get("state") == "done" else None, ".3g")])
-        out += expected_row(line, by_cells, cells, measure, expected or {})
+        out += expected_row(line, cells, measure, expected)
     return out
 
 
-def expected_row(line, by_cells, cells, measure, expected):
-    """What was expected of a line and how near it comes, as a list of one row or none; of a loss, what is kept"""
-    scene, kept = line.rows[0]["scene"], measure.replace("_loss", "_kept")
-    known = [expected.get((scene, kept, line.label, str(n))) for n in cells]
-    if not any(known):
+def compared(line, measure, expected):
+    """(cells, expected, found) of the grids of a line for which a number is known; of a loss, what is kept. Found is nan if the run failed"""
+    kept = measure.replace("_loss", "_kept")
+    pairs = [(row, expected.get((row["scene"], kept, line.label, row["cells"]))) for row in line.rows]
+    return [(int(row["cells"]), known, number_of(row, kept) if row["state"] == "done" else math.nan) for row, known in pairs if known]
+
+
+def expected_row(line, cells, measure, expected):
+    """What was expected of a line and how near it comes, as a list of one row or none"""
+    known = compared(line, measure, expected or {})
+    if not known:
         return []
-    ratios = [number_of(by_cells[n], kept)/k for n, k in zip(cells, known) if k and n in by_cells and by_cells[n]["state"] == "done"]
+    ratios = [found/number for _, number, found in known if math.isfinite(found)]
     told = f"ratio {min(ratios):.3f} to {max(ratios):.3f}" if ratios else "-"
-    words = "" if kept == measure else " to be kept"
-    return [[f"*expected{words}* ({told})", *(f"{k:.4g}" if k else "" for k in known), "", "", "", "", ""]]
+    words, by_cells = " to be kept" if measure.endswith("_loss") else "", {n: f"{number:.4g}" for n, number, _ in known}
+    return [[f"*expected{words}* ({told})", *(by_cells.get(n, "") for n in cells), "", "", "", "", ""]]
+
+
+def verdict(lines, measure, expected, tolerance=0.05):
+    """How many numbers were expected, how near the runs come, and which are not within the tolerance"""
+    known = [(line.name, n, number, found) for line in lines for n, number, found in compared(line, measure, expected)
+             if line.rows[0]["state"] != "not in this build"]
+    ratios = [found/number for _, _, number, found in known if math.isfinite(found)]
+    off = [f"{name}, {n} cells: {found:.4g} for {number:.4g}" for name, n, number, found in known if not abs(found/number - 1) <= tolerance]
+    span = f", ratios {min(ratios):.3f} to {max(ratios):.3f}" if ratios else ""
+    return f"{len(known)} numbers expected{span}; {len(known) - len(off)} within {100*tolerance:g} %" + "".join("\n  off: " + o for o in off)
 
 
 def plain(rows):

@@ -176,10 +176,11 @@ def test_a_foreign_table_is_left_alone(tmp_path):
 def test_expected_values_have_known_labels():
     """Each expected number belongs to a method of the list and a scene of inputs/"""
     folder = gf.REPOSITORY / "postprocessing" / "methods"
-    labels = {m.label for m in runs.read_methods(str(folder / "all.txt"))}
+    labels = {m.label for name in ("all", "tables") for m in runs.read_methods(str(folder / f"{name}.txt"))}
+    scenes = {path.stem for path in INPUTS.glob("*.nml")}  # a study may have more in its name: vortex_half ends at half time
     with open(folder / "expected.csv", newline="") as file:
         for row in csv.DictReader(file):
-            assert row["label"] in labels and (INPUTS / f"{row['scene']}.nml").exists() and float(row["expected"]) > 0
+            assert row["label"] in labels and any(row["scene"].startswith(scene) for scene in scenes) and float(row["expected"]) > 0
 
 
 def test_overview_of_two_studies(tmp_path, capsys):
