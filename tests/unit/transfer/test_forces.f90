@@ -42,8 +42,8 @@ program test_forces
 contains
 
   !> sum_i f_i . v_i = - sum_p V0 tau : L for any nodal velocities: forces and velocity gradients use the same weights. L comes
-  !> from a strain pass with F' = (I + dt L) F and dt = 1, velocities of 0.01: L is known to 1e-14 of itself, and 1e-11 of the
-  !> sum of all |V0 tau : L| leaves room for it.
+  !> from a strain pass with F' = (I + dt L) F and dt = 1, velocities of 0.01: L is known to 1e-14 of itself; 1e-13 of the
+  !> sum of all |V0 tau : L|.
   subroutine test_adjoint(dim, basis, short, long, open, rule)
     integer, intent(in) :: dim, basis
     real(wp), intent(in) :: short, long
@@ -91,7 +91,7 @@ contains
       power = power + term
       scale = scale + abs(term)
     end do
-    call check(given, -power, 1.0e-11_wp*scale, "nodal power is stress power, "//text_of(dim)//"D, basis "//text_of(basis) &
+    call check(given, -power, 1.0e-13_wp*scale, "nodal power is stress power, "//text_of(dim)//"D, basis "//text_of(basis) &
                //", half lengths to "//text_of(long))
     call check_true(abs(power) > 1.0e-4_wp*scale, "and is no zero")
   end subroutine test_adjoint
