@@ -394,35 +394,25 @@ contains
   !>
   !> Usual strains take three or four steps; twenty reach round-off for principal stretch ratios up to some 10^4. A lane whose
   !> last step was below `settled` stands still, since the next one would be its square: so a lane never depends on how long its
-  !> neighbours take. Inverted and flat F give the unit tensor: the caller checks J itself.
+  !> neighbours take. Inverted and flat F give finite numbers that are no rotation: the caller checks J itself.
   pure subroutine polar_rotation(f, r)
     real(wp), intent(in) :: f(lanes, 9) !! deformation gradient
     real(wp), intent(out) :: r(lanes, 9)
     integer, parameter :: steps = 20
     real(wp), parameter :: settled = 0.1_wp*sqrt(epsilon(1.0_wp))
-    real(wp) :: moving(lanes), scale(lanes), det(lanes), d, h, change, a1, a2, a3, a4, a5, a6, a7, a8, a9
-    integer :: c, i, k
-    !$omp simd simdlen(lanes)
+    real(wp) :: moving(lanes), scale, det, d, h, change, a1, a2, a3, a4, a5, a6, a7, a8, a9
+    integer :: i, k
+    !$omp simd simdlen(lanes) private(scale)
     do i = 1, lanes
-      scale(i) = 1.0_wp/sqrt(max((f(i, 1)**2 + f(i, 2)**2 + f(i, 3)**2 + f(i, 4)**2 + f(i, 5)**2 + f(i, 6)**2 &
-                                  + f(i, 7)**2 + f(i, 8)**2 + f(i, 9)**2)/3.0_wp, tiny(1.0_wp)))
+      scale = 1.0_wp/sqrt(max((f(i, 1)**2 + f(i, 2)**2 + f(i, 3)**2 + f(i, 4)**2 + f(i, 5)**2 + f(i, 6)**2 &
+                               + f(i, 7)**2 + f(i, 8)**2 + f(i, 9)**2)/3.0_wp, tiny(1.0_wp)))
+      r(i, 1) = f(i, 1)*scale; r(i, 2) = f(i, 2)*scale; r(i, 3) = f(i, 3)*scale
+      r(i, 4) = f(i, 4)*scale; r(i, 5) = f(i, 5)*scale; r(i, 6) = f(i, 6)*scale
+      r(i, 7) = f(i, 7)*scale; r(i, 8) = f(i, 8)*scale; r(i, 9) = f(i, 9)*scale
       moving(i) = 1.0_wp
     end do
-    do c = 1, 9
-      !$omp simd simdlen(lanes)
-      do i = 1, lanes
-        r(i, c) = f(i, c)*scale(i)
-      end do
-    end do
-    call determinant(r, det)
-    do c = 1, 9
-      !$omp simd simdlen(lanes)
-      do i = 1, lanes
-        r(i, c) = merge(r(i, c), identity(c), det(i) > epsilon(1.0_wp))
-      end do
-    end do
     do k = 1, steps
-      !$omp simd simdlen(lanes) private(d, h, change, a1, a2, a3, a4, a5, a6, a7, a8, a9)
+      !$omp simd simdlen(lanes) private(det, d, h, change, a1, a2, a3, a4, a5, a6, a7, a8, a9)
       do i = 1, lanes
         a1 = r(i, 5)*r(i, 9) - r(i, 6)*r(i, 8) ! cofactors: R^-T = cof R / det R
         a2 = r(i, 6)*r(i, 7) - r(i, 4)*r(i, 9)
@@ -433,7 +423,8 @@ contains
         a7 = r(i, 2)*r(i, 6) - r(i, 3)*r(i, 5)
         a8 = r(i, 3)*r(i, 4) - r(i, 1)*r(i, 6)
         a9 = r(i, 1)*r(i, 5) - r(i, 2)*r(i, 4)
-        d = moving(i)*0.5_wp/max(r(i, 1)*a1 + r(i, 2)*a2 + r(i, 3)*a3, tiny(1.0_wp)**0.5_wp)
+        det = r(i, 1)*a1 + r(i, 2)*a2 + r(i, 3)*a3
+        d = moving(i)*0.5_wp/max(det, epsilon(1.0_wp))
         h = moving(i)*0.5_wp ! R <- R + (R^-T - R)/2, or nothing
         a1 = d*a1 - h*r(i, 1); a2 = d*a2 - h*r(i, 2); a3 = d*a3 - h*r(i, 3)
         a4 = d*a4 - h*r(i, 4); a5 = d*a5 - h*r(i, 5); a6 = d*a6 - h*r(i, 6)
@@ -442,7 +433,7 @@ contains
         r(i, 4) = r(i, 4) + a4; r(i, 5) = r(i, 5) + a5; r(i, 6) = r(i, 6) + a6
         r(i, 7) = r(i, 7) + a7; r(i, 8) = r(i, 8) + a8; r(i, 9) = r(i, 9) + a9
         change = a1*a1 + a2*a2 + a3*a3 + a4*a4 + a5*a5 + a6*a6 + a7*a7 + a8*a8 + a9*a9
-        moving(i) = merge(1.0_wp, 0.0_wp, change > settled**2)
+        moving(i) = merge(1.0_wp, 0.0_wp, change > settled**2 .and. det > epsilon(1.0_wp))
       end do
       if (all(moving < 0.5_wp)) exit
     end do
