@@ -8,7 +8,7 @@ module gimp_populate
   use gimp_fill, only: fill_t, fill_body_t, fill_bodies
   use gimp_particle_file, only: particle_table_t, read_particle_file
   use gimp_particles, only: add_field, allot_chunks, clear_chunks, group_t
-  use gimp_basis, only: basis_linear, basis_cpgimp, is_sampled
+  use gimp_basis, only: basis_linear, basis_cpgimp, basis_ddmp, is_sampled
   use gimp_point_domains, only: half_edges, limit_edges
   use gimp_domains, only: domain_half_lengths
   use gimp_verification, only: verification_t, exact_motion
@@ -275,7 +275,7 @@ contains
       end do
       face_loads = any(s%loads%load%kind /= load_point)
       call find_uniform_half(s, population, p%uniform_half)
-      if (any(p%uniform_half(:d) <= 0.0_wp) .and. (s%engine%basis /= basis_linear .or. face_loads)) then
+      if (any(p%uniform_half(:d) <= 0.0_wp) .and. ((s%engine%basis /= basis_linear .and. s%engine%basis /= basis_ddmp) .or. face_loads)) then
         p%uniform_half = 0.0_wp
         call add_field(p, "half_length", d, p%half_length, "domains differ in size")
       end if

@@ -4,7 +4,7 @@ module gimp_setup
   use gimp_error, only: error_t, add_error
   use gimp_text, only: text_of
   use gimp_grid, only: make_grid
-  use gimp_basis, only: basis_of_word, basis_linear, basis_cpgimp, basis_ugimp, is_sampled, spline_degree
+  use gimp_basis, only: basis_of_word, basis_linear, basis_cpgimp, basis_ugimp, basis_ddmp, is_sampled, spline_degree
   use gimp_point_domains, only: corner_rule, volume_rule, surface_rule, simpson_rule
   use gimp_domains, only: domain_of_word, domain_edges, domain_fixed
   use gimp_material_options, only: material_options_t
@@ -156,6 +156,7 @@ contains
     s%engine%total = word_of(scene, "method", 1, "formulation") == "total"
     if (s%engine%total) call set_up_total(scene, s, error)
     if (spline_degree(s%engine%basis) > 0) call set_up_spline(scene, s, error)
+    s%engine%dual_alpha = real(real_of(scene, "method", 1, "ddmp_alpha"), wp)
     s%engine%list_kernel = word_of(scene, "method", 1, "kernel") == "list"
     select case (word_of(scene, "method", 1, "deformation_update"))
     case ("forward"); s%engine%f_update = 2
@@ -173,6 +174,8 @@ contains
     end select
     if (s%engine%affine /= affine_none .and. s%engine%basis == basis_linear) call complain(error, scene, "method", 1, &
       "transfer", "diverges with basis = 'linear' (the carried gradient grows without bound at light nodes); use flip")
+    if (s%engine%affine /= affine_none .and. s%engine%basis == basis_ddmp) call complain(error, scene, "method", 1, &
+      "transfer", "cannot be had with basis = 'ddmp', whose values go by tents; use flip")
     if (s%engine%affine == affine_mls) call check_least_squares(scene, s, error)
     s%method%cutoff = real(real_of(scene, "method", 1, "mass_cutoff"), wp)
     s%method%half_start = logical_of(scene, "method", 1, "half_step_start")

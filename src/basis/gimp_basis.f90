@@ -10,13 +10,13 @@ module gimp_basis
   private
   public :: weight_list_t, make_weight_list, take_moments, list_inertia, inertia_of_list, axis_weights, basis_of_word, basis_words, support_width, spline_degree, &
     kernel_of, is_sampled
-  public :: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_gauss, longest_half, narrow_half, most_nodes
-  public :: kernel_points
+  public :: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_gauss, basis_ddmp, longest_half, narrow_half, most_nodes
+  public :: kernel_points, kernel_dual
 
   integer, parameter :: basis_linear = 1, basis_ugimp = 2, basis_cpgimp = 3, basis_bspline2 = 4, basis_bspline3 = 5, &
-    basis_cpdi = 6, basis_gauss = 7
-  character(len=*), parameter :: basis_words = "linear ugimp cpgimp bspline2 bspline3 cpdi gauss_gimp"
-  integer, parameter :: kernel_points = 5 !! the fast kernels: 2, 3, 4 nodes an axis, or points
+    basis_cpdi = 6, basis_gauss = 7, basis_ddmp = 8
+  character(len=*), parameter :: basis_words = "linear ugimp cpgimp bspline2 bspline3 cpdi gauss_gimp ddmp"
+  integer, parameter :: kernel_points = 5, kernel_dual = 6 !! the fast kernels: 2, 3, 4 nodes an axis; points; dual domains
   real(wp), parameter :: narrow_half = 0.5_wp !! up to this half length a GIMP support has 3 nodes an axis
   real(wp), parameter :: longest_half = 2.0_wp !! domains are clamped to this half length [cells]
   real(wp), parameter :: point_half = 1.0e-6_wp !! below this the exact form cancels: take the tent
@@ -44,6 +44,7 @@ contains
     case ("bspline3"); basis = basis_bspline3
     case ("cpdi"); basis = basis_cpdi
     case ("gauss_gimp"); basis = basis_gauss
+    case ("ddmp"); basis = basis_ddmp
     case default; basis = 0
     end select
   end function basis_of_word
@@ -58,6 +59,7 @@ contains
   pure integer function kernel_of(basis)
     integer, intent(in) :: basis
     kernel_of = merge(kernel_points, support_width(basis), is_sampled(basis))
+    if (basis == basis_ddmp) kernel_of = kernel_dual
   end function kernel_of
 
   !> Nodes along an axis of a narrow support
@@ -65,7 +67,7 @@ contains
     integer, intent(in) :: basis
     support_width = 3
     if (basis == basis_linear) support_width = 2
-    if (basis == basis_bspline3) support_width = 4
+    if (basis == basis_bspline3 .or. basis == basis_ddmp) support_width = 4
   end function support_width
 
   !> Degree of a basis that is a spline, 0 for the others

@@ -5,6 +5,7 @@ module gimp_particle_stage
   use gimp_text, only: text_of
   use gimp_timer, only: seconds_now
   use gimp_accumulator, only: column_sums
+  use gimp_basis, only: basis_ddmp
   use gimp_engine, only: pass_t, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, peak_rate, peak_speed, peak_strain, &
     fate_fine, fate_inverted, fate_outside, fate_jumped
   use gimp_particle_pass, only: particle_pass
@@ -80,6 +81,7 @@ contains
     case (fate_outside)
       why = "it has left the grid"
       if (s%engine%grid%open_degree > 0) why = "it has left the box, where open-knot splines end (spline_boundary = 'ghost' goes on)"
+      if (s%engine%basis == basis_ddmp) why = "it has left the box, where the smeared gradients of ddmp end"
     case (fate_jumped); why = "it moved by more than a block in one step"
     case default; why = "its position or deformation is not a number"
     end select

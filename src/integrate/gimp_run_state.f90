@@ -7,6 +7,7 @@ module gimp_run_state
   use gimp_accumulator, only: column_sums
   use gimp_blocks, only: few_blocks
   use gimp_particles, only: few_chunks
+  use gimp_basis, only: basis_ddmp
   use gimp_engine, only: engine_t, engine_bytes, n_sums, sum_kinetic, sum_affine
   use gimp_walls, only: walls_t, walls_near, side_free
   use gimp_loads, only: loads_t
@@ -145,6 +146,10 @@ contains
       if (s%engine%grid%open_degree > 0) then ! the knots end there
         s%engine%allowed_low(k) = 0.0_wp
         s%engine%allowed_high(k) = s%engine%grid%cells(k)
+      end if
+      if (s%engine%basis == basis_ddmp) then ! and so do the smeared rows
+        if (.not. (s%engine%grid%periodic(k) .or. s%engine%grid%mirror_low(k))) s%engine%allowed_low(k) = 0.0_wp
+        if (.not. (s%engine%grid%periodic(k) .or. s%engine%grid%mirror_high(k))) s%engine%allowed_high(k) = s%engine%grid%cells(k)
       end if
     end do
   end subroutine set_bounds

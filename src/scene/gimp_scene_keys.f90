@@ -288,11 +288,13 @@ contains
     type(key_t), intent(inout) :: t(:)
     integer, intent(inout) :: n
     character(len=*), parameter :: g = "method"
-    call add(t, n, g, "basis", kind_word, "shape functions", words="linear ugimp cpgimp cpdi gauss_gimp bspline2 bspline3", &
-             default="cpgimp", planned="cpdi2 ddmp")
+    call add(t, n, g, "basis", kind_word, "shape functions", words="linear ugimp cpgimp cpdi gauss_gimp ddmp bspline2 bspline3", &
+             default="cpgimp", planned="cpdi2")
     call add(t, n, g, "spline_boundary", kind_word, "splines at the sides of the box. open: knots end there, material must stay "// &
              "inside; ghost: equal splines that reach beyond, for periodic and symmetric sides", words="open ghost", &
              default="open", when="basis=bspline2|bspline3")
+    call add(t, n, g, "ddmp_alpha", kind_real, "alpha in the middle of a cell: the share of the tent's own gradient, which is 0 on "// &
+             "faces; the rest is smeared over the nodes", range="[0,1]", default="0.5", when="basis=ddmp")
     call add(t, n, g, "domain", kind_word, "half length of a particle's domain from the stretch U, from F_kk, or from the "// &
              "volume", words="stretch diagonal volume", default="stretch", when="basis=cpgimp")
     call add(t, n, g, "quadrature", kind_word, "points of GIMP weights over the deformed voxel: Simpson's for S and G; Gauss points "// &
@@ -303,9 +305,9 @@ contains
     call add(t, n, g, "domain_limit", kind_real, "longer half diagonals of a domain are shortened, for the weights only", &
              unit="cells", range="(0,2]", default="1", when="basis=cpdi|gauss_gimp")
     call add(t, n, g, "transfer", kind_word, "how grid velocity comes back to particles", words="flip pic apic tpic mls", &
-             default="?basis linear=flip *=apic", planned="xpic fmpm")
+             default="?basis linear=flip ddmp=flip *=apic", planned="xpic fmpm")
     call add(t, n, g, "flip_fraction", kind_real, "q in v' = S v+ + q (v - S v): the share of FLIP", range="[0,1]", &
-             default="?transfer,basis flip,linear=0.995 flip,*=1 *,*=0.95", when="transfer=flip|apic|tpic|mls")
+             default="?transfer,basis flip,linear=0.995 flip,ddmp=0.995 flip,*=1 *,*=0.95", when="transfer=flip|apic|tpic|mls")
     call add(t, n, g, "stress_update", kind_word, "where in the step stress is updated", words="usf usl musl usavg", &
              default="musl")
     call add(t, n, g, "integrator", kind_word, "time integrator", words="symplectic", default="symplectic", &

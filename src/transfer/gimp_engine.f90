@@ -99,6 +99,7 @@ module gimp_engine
     integer :: domain_rule = 0 !! how domains follow the deformation; 0: they do not
     type(point_rule_t) :: rule !! of a basis that samples its domains
     real(wp) :: longest_diagonal = 1.0_wp !! of such a domain [cells]; longer ones are scaled
+    real(wp) :: dual_alpha = 0.5_wp !! alpha_max of the dual domain method
     integer :: affine = affine_none !! affine part of the velocity transfer
     logical :: total = .false. !! total Lagrangian: weights are those of the start, and so are gradients
     integer :: f_update = 1 !! 1 Cayley, 2 forward, 3 exponential

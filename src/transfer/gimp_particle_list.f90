@@ -2,8 +2,9 @@
 module gimp_particle_list
   use gimp_kinds, only: wp, lanes
   use gimp_splines, only: spline_t, make_spline
-  use gimp_basis, only: weight_list_t, make_weight_list, basis_linear, basis_cpgimp, is_sampled, spline_degree
+  use gimp_basis, only: weight_list_t, make_weight_list, basis_linear, basis_cpgimp, basis_ddmp, is_sampled, spline_degree
   use gimp_point_domains, only: place_points_1d, place_points_2d, place_points_3d, make_point_list
+  use gimp_dual_domain, only: dual_ends, make_dual_list
   use gimp_engine, only: engine_t
   implicit none(type, external)
   private
@@ -17,11 +18,16 @@ contains
     integer, intent(in) :: at(3), c, l
     type(weight_list_t), intent(inout) :: list
     type(spline_t) :: spline
-    real(wp) :: half(3)
+    real(wp) :: half(3), low(3), high(3)
     integer :: q
     associate (p => engine%particles, d => engine%grid%dim)
       if (is_sampled(engine%basis)) then
         call sampled_list(engine, c, l, list)
+        return
+      end if
+      if (engine%basis == basis_ddmp) then
+        call dual_ends(engine%grid, at, low, high)
+        call make_dual_list(d, p%p(l, :d, c), low, high, engine%dual_alpha, list)
         return
       end if
       spline = make_spline(spline_degree(engine%basis), engine%grid, at)

@@ -13,7 +13,8 @@ module gimp_resort
   use gimp_sorting, only: rank_keys, sort_order
   use gimp_particles, only: particles_t, group_t, few_chunks
   use gimp_reorder, only: reorder_particles, reorder_bytes
-  use gimp_basis, only: basis_linear, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_gauss, narrow_half
+  use gimp_dual_domain, only: dual_reach
+  use gimp_basis, only: basis_linear, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_gauss, basis_ddmp, narrow_half
   use gimp_engine, only: engine_t, allot_grid, borrow_pads
   use omp_lib, only: omp_get_max_threads
   use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
@@ -199,6 +200,8 @@ contains
         half = 0.0_wp
       case (basis_cpdi, basis_gauss) ! their pads have room for so much on all sides
         half = narrow_half
+      case (basis_ddmp)
+        half = dual_reach
       case (basis_bspline2, basis_bspline3) ! as spline_reach
         half = merge(0.5_wp, 1.0_wp, engine%basis == basis_bspline2 .and. engine%grid%open_degree == 0)
       case default

@@ -41,6 +41,7 @@ BASES = {
     "cpgimp volume": {"basis": "cpgimp", "domain": "volume"},
     "cpdi": {"basis": "cpdi"},
     "cpgimp total": {"basis": "cpgimp", "formulation": "total"},
+    "ddmp": {"basis": "ddmp"},
     "gauss simpson": {"basis": "gauss_gimp", "quadrature": "simpson"},
     "gauss surface": {"basis": "gauss_gimp", "quadrature": "surface"},
     "gauss volume": {"basis": "gauss_gimp", "quadrature": "volume"},
@@ -53,6 +54,7 @@ TRANSFERS = ("flip", "pic", "apic", "tpic", "mls")
 SCHEMES = ("usl", "musl", "usf", "usavg")
 # affine transfers diverge with tents, mls with all but equal splines: (basis, transfer) -> the message
 REFUSED = {("linear", transfer): "diverges with basis = 'linear'" for transfer in ("apic", "tpic")}
+REFUSED |= {("ddmp", transfer): "whose values go by tents" for transfer in ("apic", "tpic")}
 REFUSED |= {(basis, "mls"): "it is for the equal splines" for basis in BASES if not basis.startswith("bspline")}
 REFUSED |= {(basis, "mls"): "diverges at the ends of open knots" for basis in ("bspline2 open", "bspline3 open")}
 PAIRS = [pair for pair in product(BASES, TRANSFERS) if pair not in REFUSED]

@@ -2,7 +2,7 @@
 program test_passes
   use gimp_kinds, only: wp, dp, lanes
   use gimp_grid, only: nf => fields_per_node
-  use gimp_basis, only: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, spline_degree
+  use gimp_basis, only: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, basis_ddmp, spline_degree
   use gimp_domains, only: domain_stretch
   use gimp_engine, only: engine_t, pass_t, sum_external, sum_wide, sum_clamped, fate_fine, fate_inverted, fate_outside, fate_jumped
   use gimp_particle_pass, only: particle_pass
@@ -38,6 +38,12 @@ program test_passes
       call test_pass(dim, basis, 0.05_wp, 0.5_wp, 0.999_wp, open=.true.)
       call test_far_drift(dim, basis)
     end do
+  end do
+  do dim = 1, 3
+    call test_pass(dim, basis_ddmp, 0.05_wp, 0.5_wp, 0.0_wp)
+    call test_pass(dim, basis_ddmp, 0.05_wp, 0.5_wp, 0.999_wp)
+    call test_pass(dim, basis_ddmp, 0.05_wp, 0.5_wp, 0.999_wp, open=.true.)
+    call test_far_drift(dim, basis_ddmp)
   end do
   call test_wide_end(basis_cpgimp, 4.5_wp)
   call test_wide_end(basis_bspline3, 5.5_wp)
@@ -101,7 +107,7 @@ contains
         if (engine%particles%id(l, c) == 0) engine%particles%p(l, :d, c) = engine%particles%p(1, :d, c)
       end do
     end do
-    if (engine%grid%open_degree > 0) call keep_inside(engine)
+    if (engine%grid%open_degree > 0 .or. engine%basis == basis_ddmp) call keep_inside(engine)
   end subroutine let_stray
 
   !> Open knots end at the sides of the box
@@ -264,7 +270,7 @@ contains
     do k = 1, 2
       offset = merge(2.25_wp, -2.25_wp, k == 1)
       if (k == 1 .and. dim == 3 .and. basis == basis_bspline2) offset = 1.75_wp ! half lengths of 0.5
-      if (k == 1 .and. dim == 3 .and. basis == basis_bspline3) cycle ! supports of 4 nodes end before the list kernel is needed
+      if (k == 1 .and. dim == 3 .and. (basis == basis_bspline3 .or. basis == basis_ddmp)) cycle ! supports of 4 nodes end before the list kernel is needed
       call some_cloud(dim, 0.2_wp, 0.3_wp, cloud)
       call make_engine(dim, basis, cells_of(dim), spacing, cloud, engine, with_force=.true.)
       call sort_particles(engine)
