@@ -56,13 +56,14 @@ contains
         mean(l, 3, k) = (1.0_wp/3.0_wp)*above*part
         slope(l, 1, k) = -below*part
         slope(l, 3, k) = above*part
-        above = merge(1.0_wp, 0.0_wp, node + 1.0_wp < high(k)) ! of the upper node, which has the cell below it
-        part = b/(1.0_wp + above)
-        mean(l, 2, k) = (2.0_wp/3.0_wp)*a + (1.0_wp/3.0_wp)*part
+        below = merge(1.0_wp, 0.0_wp, node + 1.0_wp > low(k)) ! and of the upper one
+        above = merge(1.0_wp, 0.0_wp, node + 1.0_wp < high(k))
+        part = b/(below + above)
+        mean(l, 2, k) = (2.0_wp/3.0_wp)*a + (1.0_wp/3.0_wp)*below*part
         mean(l, 3, k) = mean(l, 3, k) + (2.0_wp/3.0_wp)*b
         mean(l, 4, k) = (1.0_wp/3.0_wp)*above*part
         slope(l, 4, k) = above*part
-        slope(l, 3, k) = slope(l, 3, k) + (1.0_wp - above)*part
+        slope(l, 3, k) = slope(l, 3, k) + (below - above)*part
         slope(l, 2, k) = -(slope(l, 1, k) + slope(l, 3, k) + slope(l, 4, k))
       end do
     end do
