@@ -11,6 +11,9 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 INPUTS = REPOSITORY / "inputs"
+HARD = sorted((INPUTS / "hard").glob("*.nml"))
+REFUSED_INPUTS = [path for path in HARD if "\n! hard: refused" in path.read_text()]
+SCENES = sorted(INPUTS.glob("*.nml")) + [path for path in HARD if path not in REFUSED_INPUTS]  # all that run; inputs/benchmark is apart
 sys.path.insert(0, str(REPOSITORY / "postprocessing"))
 
 import gimp_files  # noqa: E402

@@ -1,18 +1,17 @@
-"""Every scene of inputs/ runs, closes its energy book, and says what it shows."""
+"""Every scene of inputs/ and inputs/hard runs, closes its energy book, and says what it shows."""
 import math
 import re
 
 import pytest
 
 import namelist
-from conftest import INPUTS, REPOSITORY
+from conftest import HARD, REFUSED_INPUTS, REPOSITORY, SCENES
 
-SCENES = sorted(INPUTS.glob("*.nml"))
 STEPS = 20  # enough for contact of the grid with every body, a few seconds for all scenes together
 
 
 def test_there_are_scenes():
-    assert len(SCENES) >= 12
+    assert len(SCENES) >= 30 and len(HARD) >= 13
 
 
 def check_run(run):
@@ -34,7 +33,14 @@ def test_scene_runs(scene, run_scene, tmp_path):
     assert run.summary["particles"] == len(run.last_frame["points"]) > 0
 
 
-@pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("scene", REFUSED_INPUTS, ids=lambda path: path.stem)
+def test_scene_is_refused(scene, run_scene, tmp_path):
+    run = run_scene(scene, tmp_path)
+    assert run.code == 2 and re.search('^! hard: refused, "(.*)"$', run.scene, re.MULTILINE).group(1) in run.stderr
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("scene", SCENES + REFUSED_INPUTS, ids=lambda path: path.stem)
 def test_scene_says_what_it_shows(scene):
     lines = scene.read_text().splitlines()
     comment = [line for line in lines[: next(k for k, line in enumerate(lines) if not line.startswith("!"))]]
@@ -42,7 +48,7 @@ def test_scene_says_what_it_shows(scene):
     assert any(line.startswith("! Expect") for line in comment), "a leading comment that says what to expect"
 
 
-@pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("scene", SCENES + REFUSED_INPUTS, ids=lambda path: path.stem)
 def test_scene_writes_a_file_of_its_own_name(scene):
     names = [group.values().get("name") for group in namelist.groups(scene.read_text()) if group.name == "output"]
     assert names == [[scene.stem]]

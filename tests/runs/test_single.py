@@ -5,9 +5,8 @@ import subprocess
 import numpy as np
 import pytest
 
-from conftest import INPUTS
+from conftest import INPUTS, SCENES
 
-SCENES = sorted(INPUTS.glob("*.nml"))
 STEPS = 20
 FEW_FRAMES = {"output__every": 0.0}
 # Sums over nodes of numbers rounded to 6e-8 of the energy present; where many particles are alike they are rounded alike, so
