@@ -4,9 +4,10 @@ import math
 import gimp_files as gf
 import stability_runs as st
 
-COLOURS = {"good": "#1a9850", "fair": "#a6d96a", "poor": "#fee08b", "fails": "#9ecae1", "refused": "#d0d0d0", "defect": "#d73027",
+COLOURS = {"good": "#1a9850", "fair": "#a6d96a", "poor": "#fee08b", "warned": "#fdae61", "fails": "#9ecae1", "refused": "#d0d0d0", "defect": "#d73027",
            "none": "#ffffff"}
 MEANING = {"good": "survives, error up to 0.1 scale", "fair": "survives, up to 1", "poor": "survives, up to 10",
+           "warned": "ends, and warns: energy from nothing",
            "fails": "fails, says why (× share of time reached)", "refused": "refused", "defect": "silent failure, crash or hang",
            "none": "not in this build, or not run"}
 LIGHT = (COLOURS["good"], COLOURS["defect"])  # behind these, text is white
@@ -18,7 +19,7 @@ def kind(row):
         return "none"
     if row["verdict"] in st.DEFECTS:
         return "defect"
-    if row["verdict"] in ("fails", "refused"):
+    if row["verdict"] in ("warned", "fails", "refused"):
         return row["verdict"]
     error = row.get("error", 0.0)
     return "good" if error <= 0.1 else "fair" if error <= 1.0 else "poor"

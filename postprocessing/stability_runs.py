@@ -24,7 +24,7 @@ HARD = gf.REPOSITORY / "inputs" / "hard"
 TOO_WRONG = 10.0  # scales of error, or times the energy of the case gained: more of it with exit code 0 is a silent failure
 GROWTH = 2.0  # times the energy that belongs to the scene: a run that has more was not stable
 LEAST, LARGEST, STEP, SHARP = 0.2, 4.0, 1.5, 1.02  # Courant numbers: first and last tried, ratio of the search, of the result
-VERDICTS = ("survives", "fails", "refused", "silent", "crashes", "hangs", "not in this build")
+VERDICTS = ("survives", "warned", "fails", "refused", "silent", "crashes", "hangs", "not in this build")
 DEFECTS = ("silent", "crashes", "hangs")
 
 # ---------------------------------------------------------------------------------------------------- hard cases
@@ -126,7 +126,8 @@ def judge(case, output, problem=None):
     elif not row["error"] <= TOO_WRONG:
         row |= {"verdict": "silent", "reason": f"wrong by {row['error']:.3g} scales"}
     elif not row["energy_gain"] <= TOO_WRONG:
-        row |= {"verdict": "silent", "reason": f"gained {row['energy_gain']:.3g} times the energy of the case"}
+        warned = "  warning " in Path(output).with_suffix(".log").read_text()
+        row |= {"verdict": "warned" if warned else "silent", "reason": f"gained {row['energy_gain']:.3g} times the energy of the case"}
     return row
 
 

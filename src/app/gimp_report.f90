@@ -27,6 +27,8 @@ module gimp_report
     character(len=32) :: version = "", commit = "", kind = ""
   end type build_t
 
+  real(dp), parameter :: burst = 0.5_dp !! energy drift above which a finished run has little to do with its scene
+
   !> The progress line
   type :: progress_t
     logical :: shown = .false.
@@ -245,6 +247,8 @@ contains
     call line("  energy_residual    "//text_of(energy_residual(s%books), 3)//"   (books; round-off is right)")
     call line("  energy_drift       "//text_of(energy_drift(s%books), 3) &
               //"   (kinetic + stored + dissipated - work, of the largest energy exchanged)")
+    if (energy_drift(s%books) > burst) call line("  warning            most of this energy came out of nothing: the method is not stable here;" &
+                                                 //" shorter steps, musl or a transfer that damps may be")
     call line("  momentum_residual  "//text_of(momentum_residual(s%books, recorder%totals%momentum), 3))
     if (recorder%has_solution) then
       call line("  error_rms          "//text_of(recorder%errors%rms/error_scale(recorder%solution), 4) &

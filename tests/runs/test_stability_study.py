@@ -115,6 +115,15 @@ def test_energy_from_nothing_is_a_silent_failure():
     assert st.energy_gain(worked) == 0.0
 
 
+def test_a_run_that_burst_is_warned_of(survival, tmp_path):
+    """Hats with USF gain energy where the column creeps over an edge, twenty times what there is, and stay bounded all the same"""
+    row = survival(hard("edge_creep"), f"{LINEAR} stress_update=usf")
+    assert row["verdict"] == "warned" and row["energy_gain"] > 10 and "gained" in row["reason"]
+    assert gf.summary(tmp_path / "run.vtkhdf")["energy_drift"] > 0.5
+    survival(hard("edge_creep"))
+    assert "warning" not in (tmp_path / "run.log").read_text()
+
+
 @pytest.mark.parametrize("script, verdict, words", [
     ("kill -SEGV $$", "crashes", "exit code -11"), ("echo 'Backtrace for this error:' >&2; exit 1", "crashes", "Backtrace"),
     ("exec sleep 30", "hangs", "stopped after 0.5 s"), ("echo 'gimp.x: the run failed: step 3, too bad' >&2; exit 1", "fails", "step 3, too bad"),
