@@ -2,6 +2,7 @@
 import csv
 import math
 import re
+import textwrap
 from dataclasses import dataclass, field
 
 import gimp_files as gf
@@ -207,7 +208,7 @@ def draw(lines, measure, path, title, seconds="core_seconds"):
     import matplotlib.pyplot as plt
     groups = [g for g in dict.fromkeys(line.group for line in lines)
               if any(line.points(WORK, measure) for line in lines if line.group == g)] or [""]
-    told = [shorten(text, 165) for text in failures(lines, measure)]
+    told = [part for text in failures(lines, measure) for part in textwrap.wrap(text, 200, subsequent_indent="      ")]
     heights = [max(3.0, 0.19*sum(line.group == g for line in lines) + 0.6) for g in groups]
     figure, panels = plt.subplots(len(groups), 2, squeeze=False, sharex="col", sharey=True, layout="constrained", height_ratios=heights,
                                   figsize=(12.5, 0.9 + sum(heights) + 0.145*len(told)))
