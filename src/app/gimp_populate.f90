@@ -16,6 +16,7 @@ module gimp_populate
   use gimp_snapshot, only: needs_reference
   use gimp_run_state, only: stepper_t
   use gimp_engine, only: affine_none
+  use gimp_cell_pass, only: evens_strain
   use gimp_material, only: most_states
   use gimp_loads, only: load_point
   use gimp_scene, only: scene_t, count_groups, is_given, real_of, reals_of, integers_of, integer_of, word_of, text_of_key, &
@@ -284,6 +285,8 @@ contains
       if (s%engine%affine /= affine_none) call add_field(p, "affine", d*d, p%affine, &
         "transfer = "//word_of(scene, "method", 1, "transfer"))
       if (s%engine%total) call add_field(p, "displacement", d, p%displacement, "formulation = total")
+      if (evens_strain(s%engine)) call add_field(p, "evened_deformation", d*d, p%evened, "anti_locking = " &
+        //word_of(scene, "method", 1, "anti_locking"))
       if (reference) call add_field(p, "reference", d, p%reference, "verification or displacement in the output")
       if (allocated(s%engine%body_force)) call add_field(p, "force", d, p%force, "body force of the solution")
       if (face_loads) call add_field(p, "faces", 1, p%faces, "loads on faces")
@@ -559,6 +562,8 @@ contains
             f(:, 3*(i - 1) + j) = p%p(:, p%deformation%first + d*(i - 1) + j - 1, c)
           end do
         end do
+        q = p%evened%first
+        if (q > 0) p%p(:, q:q + d*d - 1, c) = p%p(:, p%deformation%first:p%deformation%first + d*d - 1, c)
         if (law%states > 0) then
           history = 0.0_wp
           call law%start_state(f, stress(:, :, min(c - group%first + 1, size(stress, 3))), history)

@@ -10,7 +10,8 @@ module gimp_setup
   use gimp_material_options, only: material_options_t
   use gimp_material_table, only: make_material
   use gimp_verification, only: verification_t, verification_options_t, make_verification, has_body_force
-  use gimp_engine, only: law_t, affine_none, affine_apic, affine_tpic, affine_mls
+  use gimp_engine, only: law_t, affine_none, affine_apic, affine_tpic, affine_mls, anti_none, &
+    anti_f_bar, anti_b_bar, anti_cell_stress
   use gimp_walls, only: walls_t, set_walls, side_of_word, condition_of_word
   use gimp_time_table, only: time_table_t
   use gimp_loads, only: loads_t, load_traction, load_pressure, load_point, most_face_loads
@@ -177,6 +178,7 @@ contains
     if (s%engine%affine /= affine_none .and. s%engine%basis == basis_ddmp) call complain(error, scene, "method", 1, &
       "transfer", "cannot be had with basis = 'ddmp', whose values go by tents; use flip")
     if (s%engine%affine == affine_mls) call check_least_squares(scene, s, error)
+    call set_up_anti_locking(scene, s, error)
     s%method%cutoff = real(real_of(scene, "method", 1, "mass_cutoff"), wp)
     s%method%half_start = logical_of(scene, "method", 1, "half_step_start")
     select case (word_of(scene, "method", 1, "damping"))
@@ -189,6 +191,24 @@ contains
     if (s%engine%basis == basis_ugimp .and. is_given(scene, "method", 1, "domain")) &
       call complain(error, scene, "method", 1, "domain", "is read with basis = 'cpgimp' only")
   end subroutine set_up_method
+
+  !> Averages over cells against locking
+  subroutine set_up_anti_locking(scene, s, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    type(error_t), allocatable, intent(inout) :: error
+    character(len=:), allocatable :: word
+    word = word_of(scene, "method", 1, "anti_locking")
+    select case (word)
+    case ("f_bar"); s%engine%anti_locking = anti_f_bar
+    case ("b_bar"); s%engine%anti_locking = anti_b_bar
+    case ("cell_stress"); s%engine%anti_locking = anti_cell_stress
+    case default; s%engine%anti_locking = anti_none
+    end select
+    if (s%engine%anti_locking == anti_none) return
+    if (word_of(scene, "time", 1, "stability_check") /= "none") call complain(error, scene, "time", 1, "stability_check", &
+      "does not know the forces of anti_locking = '"//word//"'")
+  end subroutine set_up_anti_locking
 
   !> Moving least squares take w D^-1 (x_i - x_p) for the gradient of a weight: it is one where D is the same for every particle
   subroutine check_least_squares(scene, s, error)

@@ -7,7 +7,7 @@ module gimp_tensor
   use gimp_kinds, only: wp, lanes
   implicit none(type, external)
   private
-  public :: identity, increment_forward, increment_cayley, increment_exponential, multiply, determinant, inverse
+  public :: identity, increment, increment_forward, increment_cayley, increment_exponential, multiply, determinant, inverse
   public :: left_cauchy_green, push_forward, symmetric_of, rotation_cayley, rotate_symmetric, natural_log, exponential
   public :: eigen_symmetric, compose, polar_rotation
 
@@ -15,6 +15,19 @@ module gimp_tensor
   real(wp), parameter :: identity(9) = [1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp]
 
 contains
+
+  !> The increment by the rule of the scene: 2 forward, 3 exponential, else Cayley
+  pure subroutine increment(rule, dt, l, df)
+    integer, intent(in) :: rule
+    real(wp), intent(in) :: dt !! step [s]
+    real(wp), intent(in) :: l(lanes, 9) !! velocity gradient [1/s]
+    real(wp), intent(out) :: df(lanes, 9) !! increment of the deformation gradient
+    select case (rule)
+    case (2); call increment_forward(dt, l, df)
+    case (3); call increment_exponential(dt, l, df)
+    case default; call increment_cayley(dt, l, df)
+    end select
+  end subroutine increment
 
   !> dF = I + dt L: first order; a pure spin theta per step makes the volume grow by 1 + theta^2
   pure subroutine increment_forward(dt, l, df)

@@ -5,10 +5,11 @@ module gimp_measures
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_accumulator, only: column_sums
   use gimp_hash_table, only: mix_bits
+  use gimp_tensor, only: determinant
   use gimp_material, only: most_states
   use gimp_particles, only: particles_t, group_t, few_chunks
   use gimp_engine, only: engine_t
-  use gimp_chunk_state, only: chunk_deformation, chunk_history
+  use gimp_chunk_state, only: chunk_deformation, chunk_law_deformation, chunk_history
   use gimp_splines, only: make_spline
   use gimp_basis, only: weight_list_t, inertia_of_list, spline_degree
   use gimp_particle_list, only: particle_list
@@ -73,15 +74,16 @@ contains
     type(group_t), intent(in) :: group
     integer, intent(in) :: c
     real(wp), intent(out) :: sigma(lanes, 6), j(lanes)
-    real(wp) :: f(lanes, 9), speed2(lanes), history(lanes, most_states)
+    real(wp) :: f(lanes, 9), speed2(lanes), history(lanes, most_states), j_law(lanes)
     integer :: k
     call chunk_deformation(engine%particles, c, f)
-    j = f(:, 1)*(f(:, 5)*f(:, 9) - f(:, 6)*f(:, 8)) - f(:, 2)*(f(:, 4)*f(:, 9) - f(:, 6)*f(:, 7)) &
-        + f(:, 3)*(f(:, 4)*f(:, 8) - f(:, 5)*f(:, 7))
+    call determinant(f, j)
+    call chunk_law_deformation(engine%particles, c, f)
+    call determinant(f, j_law)
     call chunk_history(engine%particles, c, history)
     call engine%laws(group%material)%law%kirchhoff(f, history, sigma, speed2)
     do k = 1, 6
-      sigma(:, k) = sigma(:, k)/j
+      sigma(:, k) = sigma(:, k)/j_law
     end do
   end subroutine chunk_stress
 
@@ -121,7 +123,7 @@ contains
     speed = 0.0_dp
     associate (particles => engine%particles, group => engine%particles%groups(g))
       do c = group%first, group%last
-        call chunk_deformation(particles, c, f)
+        call chunk_law_deformation(particles, c, f)
         call chunk_position(engine, group, c, x)
         v = 0.0_wp
         v(:, :d) = particles%p(:, particles%velocity%first:particles%velocity%first + d - 1, c)

@@ -3,7 +3,7 @@ module gimp_leaving
   use gimp_kinds, only: wp, dp, lanes
   use gimp_particles, only: few_chunks
   use gimp_material, only: most_states
-  use gimp_chunk_state, only: chunk_deformation, chunk_history
+  use gimp_chunk_state, only: chunk_law_deformation, chunk_history
   use gimp_run_state, only: stepper_t
   implicit none(type, external)
   private
@@ -56,7 +56,7 @@ contains
       real(dp) :: moving
       integer :: d, v
       d = s%engine%grid%dim
-      call chunk_deformation(s%engine%particles, chunk, f)
+      call chunk_law_deformation(s%engine%particles, chunk, f)
       call chunk_history(s%engine%particles, chunk, history)
       v = s%engine%particles%velocity%first
       associate (p => s%engine%particles%p, particles => s%engine%particles)

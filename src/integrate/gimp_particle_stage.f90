@@ -9,6 +9,7 @@ module gimp_particle_stage
   use gimp_engine, only: pass_t, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, peak_rate, peak_speed, peak_strain, &
     fate_fine, fate_inverted, fate_outside, fate_jumped
   use gimp_particle_pass, only: particle_pass
+  use gimp_cell_pass, only: evens_strain, evens_stress, rates_to_cells, stress_to_cells
   use gimp_resort, only: sort_particles
   use gimp_run_state, only: stepper_t, find_held, usl, musl, phase_particles, phase_sort
   implicit none(type, external)
@@ -18,8 +19,49 @@ module gimp_particle_stage
 
 contains
 
-  !> Run a pass, note its peaks and counts, and make an error of the worst particle's fate
+  !> Run a pass with the sums over cells that it needs. Where forces take the stress of cells, all particles are strained and moved
+  !> before the first of them gives a force.
   subroutine run_pass(s, pass, error)
+    type(stepper_t), intent(inout) :: s
+    type(pass_t), intent(in) :: pass
+    type(error_t), allocatable, intent(out) :: error
+    type(pass_t) :: part
+    if (pass%strain .and. evens_strain(s%engine)) call time_cells(s, pass)
+    if (.not. (pass%force .and. evens_stress(s%engine))) then
+      call run_one_pass(s, pass, error)
+      return
+    end if
+    if (pass%velocity .or. pass%position .or. pass%strain) then
+      part = pass
+      part%momentum = .false.
+      part%force = .false.
+      call run_one_pass(s, part, error)
+      if (allocated(error)) return
+    end if
+    call time_cells(s)
+    part = pass
+    part%velocity = .false.
+    part%position = .false.
+    part%strain = .false.
+    call run_one_pass(s, part, error)
+  end subroutine run_pass
+
+  !> Sums over cells for a strain, without a pass for a force
+  subroutine time_cells(s, pass)
+    type(stepper_t), intent(inout) :: s
+    type(pass_t), intent(in), optional :: pass
+    real(dp) :: start
+    start = seconds_now()
+    if (present(pass)) then
+      call rates_to_cells(s%engine, pass)
+    else
+      call stress_to_cells(s%engine)
+    end if
+    s%seconds(phase_particles) = s%seconds(phase_particles) + seconds_now() - start
+  end subroutine time_cells
+
+  !> Run a pass, note its peaks and counts, and make an error of the worst particle's fate
+  subroutine run_one_pass(s, pass, error)
     type(stepper_t), intent(inout) :: s
     type(pass_t), intent(in) :: pass
     type(error_t), allocatable, intent(out) :: error
@@ -48,7 +90,7 @@ contains
       s%books%spilled = s%books%spilled + engine%spill%n
       if (pass%momentum .or. pass%force) s%sort_now = s%sort_now .or. any(engine%restless)
     end associate
-  end subroutine run_pass
+  end subroutine run_one_pass
 
   !> The pass that brings particles to the grid for the next step
   pure type(pass_t) function give_pass(s, time)

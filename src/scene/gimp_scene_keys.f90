@@ -316,6 +316,9 @@ contains
              "start undeformed and touch nothing", words="updated total", default="updated")
     call add(t, n, g, "deformation_update", kind_word, "update of F from the velocity gradient", &
              words="forward cayley exponential", default="forward")
+    call add(t, n, g, "anti_locking", kind_word, "f_bar, b_bar: change of volume averaged over the particles of a cell, in stress "// &
+             "alone, or in the force too; cell_stress: the force takes the mean stress", &
+             words="none f_bar b_bar cell_stress", default="none")
     call add(t, n, g, "half_step_start", kind_logical, "first velocity update is half a step, as leap-frog wants it", &
              default=".true.")
     call add(t, n, g, "mass_cutoff", kind_real, "nodes below this share of the largest particle mass are left out", &

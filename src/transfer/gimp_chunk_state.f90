@@ -7,7 +7,7 @@ module gimp_chunk_state
   use gimp_engine, only: engine_t
   implicit none(type, external)
   private
-  public :: chunk_deformation, chunk_history, elastic_energy_of, elastic_round_off
+  public :: chunk_deformation, chunk_law_deformation, chunk_history, elastic_energy_of, elastic_round_off
 
 contains
 
@@ -16,6 +16,21 @@ contains
     type(particles_t), intent(in) :: particles
     integer, intent(in) :: c !! chunk
     real(wp), intent(out) :: f(lanes, 9)
+    call read_deformation(particles, c, particles%deformation%first, f)
+  end subroutine chunk_deformation
+
+  !> The one that laws see: the same, unless its changes of volume are averaged over cells
+  pure subroutine chunk_law_deformation(particles, c, f)
+    type(particles_t), intent(in) :: particles
+    integer, intent(in) :: c !! chunk
+    real(wp), intent(out) :: f(lanes, 9)
+    call read_deformation(particles, c, max(particles%deformation%first, particles%evened%first), f)
+  end subroutine chunk_law_deformation
+
+  pure subroutine read_deformation(particles, c, first, f)
+    type(particles_t), intent(in) :: particles
+    integer, intent(in) :: c, first !! chunk, first component
+    real(wp), intent(out) :: f(lanes, 9)
     integer :: i, j
     f = 0.0_wp
     f(:, 1) = 1.0_wp
@@ -23,10 +38,10 @@ contains
     f(:, 9) = 1.0_wp
     do i = 1, particles%dim
       do j = 1, particles%dim
-        f(:, 3*(i - 1) + j) = particles%p(:, particles%deformation%first + particles%dim*(i - 1) + j - 1, c)
+        f(:, 3*(i - 1) + j) = particles%p(:, first + particles%dim*(i - 1) + j - 1, c)
       end do
     end do
-  end subroutine chunk_deformation
+  end subroutine read_deformation
 
   !> The whole history of a chunk's material
   pure subroutine chunk_history(particles, c, history)
@@ -49,7 +64,7 @@ contains
       do g = 1, size(particles%groups)
         part(g) = 0.0_dp
         do c = particles%groups(g)%first, particles%groups(g)%last
-          call chunk_deformation(particles, c, f)
+          call chunk_law_deformation(particles, c, f)
           call chunk_history(particles, c, history)
           call engine%laws(particles%groups(g)%material)%law%stored_energy(f, history, energy)
           do l = 1, lanes

@@ -13,6 +13,7 @@ module gimp_engine
   use omp_lib, only: omp_get_max_threads, omp_get_thread_num
   implicit none(type, external)
   private
+  public :: anti_none, anti_f_bar, anti_b_bar, anti_cell_stress
   public :: engine_bytes, affine_none, affine_apic, affine_tpic, affine_mls
   public :: offer_tasks, take_task
   public :: engine_t, law_t, pass_t, spill_t, body_force_t, pad_nodes, pad_edge, drift
@@ -28,6 +29,7 @@ module gimp_engine
   integer, parameter :: work_of_pad = 8 !! loading and storing the pad of a block, in chunks of particles
 
   integer, parameter :: affine_none = 0, affine_apic = 1, affine_tpic = 2, affine_mls = 3
+  integer, parameter :: anti_none = 0, anti_f_bar = 1, anti_b_bar = 2, anti_cell_stress = 3 !! remedies against locking
 
   !> Sums of a block over one pass, added in block order afterwards
   integer, parameter :: sum_kinetic = 1, sum_external = 2, sum_plastic = 3, sum_clamped = 4, sum_wide = 5, &
@@ -80,6 +82,7 @@ module gimp_engine
     logical :: momentum = .false. !! give mass, momentum and kinetic energy
     logical :: force = .false. !! give internal and body forces
     logical :: old_weights = .false. !! give with the weights of the take
+    logical :: cells = .false. !! only add up over the cells what the strains of the next pass need (see gimp_cells)
     real(wp) :: dt = 0.0_wp !! step of positions [s]
     real(wp) :: dt_strain = 0.0_wp !! step of strains [s]
     real(wp) :: kick = 0.0_wp !! step of velocities [s]: the half-step start and changing steps make it differ
@@ -102,10 +105,12 @@ module gimp_engine
     real(wp) :: dual_alpha = 0.5_wp !! alpha_max of the dual domain method
     integer :: affine = affine_none !! affine part of the velocity transfer
     logical :: total = .false. !! total Lagrangian: weights are those of the start, and so are gradients
+    integer :: anti_locking = anti_none
     integer :: f_update = 1 !! 1 Cayley, 2 forward, 3 exponential
     logical :: list_kernel = .false. !! walk weight lists everywhere
     real(wp), pointer, contiguous :: g(:, :, :) => null() !! (field, node of block, slot)
     real(wp), pointer, contiguous :: pad(:, :, :) => null() !! (field, node of pad, block)
+    real(wp), allocatable :: cell_sum(:, :, :) !! (number, cell of block, slot) of what particles gave to their cells
     logical, allocatable :: drifted(:) !! (block) the outer layer of its pad is in use
     integer, allocatable :: task(:) !! (tasks + 1) first block of each task of a pass
     integer, allocatable :: taken(:, :) !! (apart, thread) tasks of its share that are taken
@@ -144,6 +149,7 @@ contains
     type(engine_t), intent(in) :: engine
     engine_bytes = chunk_bytes(engine%particles%components, engine%particles%chunks) + id_bytes(engine%particles%chunks) &
                    + engine%pad_store%bytes + engine%grid_store%bytes
+    if (allocated(engine%cell_sum)) engine_bytes = engine_bytes + grid_bytes(size(engine%cell_sum, 3))
   end function engine_bytes
 
   !> Bytes of the pads of so many blocks
@@ -191,6 +197,10 @@ contains
       allocate (engine%peaks(n_peaks, table%blocks), source=0.0_wp)
       allocate (engine%fate(3, table%blocks), source=0)
     end associate
+    if (engine%anti_locking /= anti_none) then
+      if (allocated(engine%cell_sum)) deallocate (engine%cell_sum)
+      allocate (engine%cell_sum(fields_per_node, nodes_per_block, engine%table%slots), source=0.0_wp)
+    end if
     engine%spill%n = 0
     if (.not. allocated(engine%spill%slot)) call make_room(engine%spill, 64)
     if (allocated(engine%taken)) deallocate (engine%taken)

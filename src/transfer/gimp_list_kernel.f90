@@ -11,7 +11,7 @@ module gimp_list_kernel
   use gimp_engine, only: spill_t, drift, make_room
   implicit none(type, external)
   private
-  public :: wide_nodes, load_wide, gather_list, scatter_list, unload_wide, order_spill
+  public :: wide_nodes, load_wide, gather_list, scatter_list, unload_wide, order_spill, add_spill
 
 contains
 
@@ -169,6 +169,7 @@ contains
     !$omp end parallel do
   end subroutine order_spill
 
+  !> One more entry
   subroutine add_spill(spill, block, slot, place, value)
     type(spill_t), intent(inout) :: spill
     integer, intent(in) :: block, slot, place

@@ -27,6 +27,7 @@ MATERIALS = {
     "henckyvm": {"model": "hencky_von_mises"},
 }
 TRANSFERS = ("apic", "tpic")  # beside flip; `mix` is the share q of the old velocity
+ANTI_LOCKING = {"fbar": "f_bar", "cellstress": "cell_stress"}
 CONDITIONS = {"roller": "slip", "stick": "stick"}
 
 
@@ -71,6 +72,7 @@ class Golden:
         if self.options.get("transfer") in TRANSFERS:
             more -= {"transfer", "mix"}
         more -= {"gauss"}  # points an axis and form of that basis
+        more -= {"fbar", "cellstress"}
         if self.basis not in BASES:
             return f"basis {self.basis}"
         if more:
@@ -135,7 +137,8 @@ def scene(golden):
     domain = {"cpdi": "domain_limit = 2.0 ", "ddmp": "ddmp_alpha = 1.0 ", "gauss": quadrature, "cpgimp": "domain = 'diagonal' ", "cpgimpU": "domain = 'stretch' ", "bs2": "spline_boundary = 'open' ",
               "bs3": "spline_boundary = 'open' ", "bs2u": "spline_boundary = 'ghost' ",
               "bs3u": "spline_boundary = 'ghost' "}.get(golden.basis, "")
-    text.append(f"&method basis = '{BASES[golden.basis]}' {domain}transfer = '{golden.transfer}' flip_fraction = {golden.flip!r} "
+    anti_locking = "".join(f"anti_locking = '{word}' " for key, word in ANTI_LOCKING.items() if golden.options.get(key))
+    text.append(f"&method basis = '{BASES[golden.basis]}' {domain}{anti_locking}transfer = '{golden.transfer}' flip_fraction = {golden.flip!r} "
                 f"stress_update = '{golden.scheme}' deformation_update = 'forward' "
                 f"half_step_start = .{str(golden.half_start).lower()}. mass_cutoff = {float(golden.cutoff / golden.mass.max())!r} /")
     text.append(f"&time end = {golden.dt * STEPS[-1]!r} step_rule = 'fixed' step = {golden.dt!r} /")
@@ -154,7 +157,7 @@ def test_files_are_known():
         "d2_ugimp_musl_nh_stick", "d2_ugimp_usl_nh_apic", "d2_ugimp_musl_nh_tpic", "d2_cpgimpU_musl_nh_apicmix",
         "d2_ugimp_usl_hwsym", "d2_ugimp_usl_henckyvm", "d3_linear_usl_nh", "d1_bs2_usl_nh", "d1_bs3_usl_nh",
         "d1_bs2u_usl_nh", "d1_bs3u_usl_nh", "d1_cpdi_usl_nh", "d2_cpdi_usl_nh", "d1_ddmp_usl_nh", "d2_gauss2surface_musl_nh",
-        "d2_gauss3simpson_musl_nh"}
+        "d2_gauss3simpson_musl_nh", "d2_ugimp_usl_nh_fbar"}
 
 
 @pytest.mark.parametrize("kernel", ["auto", "list"])
