@@ -5,7 +5,7 @@ module gimp_engine_fixture
   use gimp_particles, only: add_field, allot_chunks, clear_chunks, group_t
   use gimp_basis, only: basis_linear, basis_cpgimp, is_sampled
   use gimp_point_domains, only: point_rule_t, corner_rule
-  use gimp_engine, only: engine_t
+  use gimp_engine, only: engine_t, anti_f_bar, anti_b_bar
   use gimp_neo_hookean, only: neo_hookean_t
   use gimp_pads, only: sum_pads, add_spills
   implicit none(type, external)
@@ -106,7 +106,7 @@ contains
   end subroutine lattice_cloud
 
   !> An engine with these particles, neo-Hookean materials of different stiffness; particles still have to be sorted
-  subroutine make_engine(dim, basis, cells, spacing, cloud, engine, with_force, with_faces, uniform, affine, rule)
+  subroutine make_engine(dim, basis, cells, spacing, cloud, engine, with_force, with_faces, uniform, affine, rule, anti_locking)
     integer, intent(in) :: dim, basis
     integer, intent(in) :: cells(3)
     real(wp), intent(in) :: spacing !! [m]
@@ -116,6 +116,7 @@ contains
     logical, intent(in), optional :: uniform !! half lengths of the first particle for all, not stored with each
     integer, intent(in), optional :: affine !! kind of affine transfer; the gradients carried start at zero
     type(point_rule_t), intent(in), optional :: rule !! points at which domains are sampled; corners if absent
+    integer, intent(in), optional :: anti_locking !! with the gradient that laws see, which starts as F
     real(dp) :: zero(3)
     integer :: m, i, k, c, l, chunks, of_material
     logical :: stores_half
@@ -156,6 +157,8 @@ contains
         engine%affine = affine
         call add_field(p, "affine", dim*dim, p%affine)
       end if
+      if (present(anti_locking)) engine%anti_locking = anti_locking
+      if (engine%anti_locking == anti_f_bar .or. engine%anti_locking == anti_b_bar) call add_field(p, "evened_deformation", dim*dim, p%evened)
       call add_field(p, "reference", dim, p%reference)
       allocate (p%groups(size(engine%laws)))
       chunks = 0
@@ -181,6 +184,7 @@ contains
           call set_field(p%reference%first, cloud%x(:dim, i))
           call set_field(p%velocity%first, cloud%v(:dim, i))
           call set_field(p%deformation%first, [(cloud%f(3*(k - 1) + 1:3*(k - 1) + dim, i), k=1, dim)])
+          if (p%evened%first > 0) call set_field(p%evened%first, [(cloud%f(3*(k - 1) + 1:3*(k - 1) + dim, i), k=1, dim)])
           call set_field(p%mass%first, [cloud%mass(i)])
           call set_field(p%volume%first, [cloud%volume(i)])
           if (p%half_length%first > 0) call set_field(p%half_length%first, cloud%half0(:dim, i))
