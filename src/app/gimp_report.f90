@@ -11,7 +11,7 @@ module gimp_report
   use gimp_verification, only: error_scale, error_scale_text, solution_name
   use gimp_measures, only: state_hash
   use gimp_books, only: energy_residual, energy_drift, momentum_residual
-  use gimp_run_state, only: stepper_t, stepper_bytes, phase_grid, phase_particles, phase_sort, phase_checks
+  use gimp_run_state, only: stepper_t, stepper_bytes, series_none, phase_grid, phase_particles, phase_sort, phase_checks
   use gimp_step_size, only: limit_word, rule_adaptive, n_limits
   use gimp_stability, only: check_none, check_word
   use gimp_recorder, only: recorder_t
@@ -144,6 +144,8 @@ contains
     function transfer_words() result(words)
       character(len=:), allocatable :: words
       words = word_of(scene, "method", 1, "transfer")
+      if (s%method%series /= series_none) words = words//"("//text_of(s%method%order)//")"
+      if (s%method%series_every > 1) words = words//" every "//text_of(s%method%series_every)//" steps"
       if (words == "flip" .and. s%method%flip < 1.0_dp) words = words//" "//text_of(s%method%flip)
     end function transfer_words
 

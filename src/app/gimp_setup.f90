@@ -15,7 +15,8 @@ module gimp_setup
   use gimp_walls, only: walls_t, set_walls, side_of_word, condition_of_word
   use gimp_time_table, only: time_table_t
   use gimp_loads, only: loads_t, load_traction, load_pressure, load_point, most_face_loads
-  use gimp_run_state, only: stepper_t, scheme_of_word, damping_none, damping_local, damping_kinetic
+  use gimp_run_state, only: stepper_t, scheme_of_word, usl, musl, series_none, series_xpic, series_fmpm, position_grid, &
+    position_published, position_new, damping_none, damping_local, damping_kinetic
   use gimp_step_size, only: rule_adaptive, rule_uniform, rule_fixed
   use gimp_stability, only: check_of_word
   use gimp_solution_force, only: solution_force_t
@@ -177,6 +178,7 @@ contains
       "transfer", "diverges with basis = 'linear' (the carried gradient grows without bound at light nodes); use flip")
     if (s%engine%affine /= affine_none .and. s%engine%basis == basis_ddmp) call complain(error, scene, "method", 1, &
       "transfer", "cannot be had with basis = 'ddmp', whose values go by tents; use flip")
+    call set_up_series(scene, s, error)
     if (s%engine%affine == affine_mls) call check_least_squares(scene, s, error)
     call set_up_anti_locking(scene, s, error)
     s%method%cutoff = real(real_of(scene, "method", 1, "mass_cutoff"), wp)
@@ -209,6 +211,33 @@ contains
     if (word_of(scene, "time", 1, "stability_check") /= "none") call complain(error, scene, "time", 1, "stability_check", &
       "does not know the forces of anti_locking = '"//word//"'")
   end subroutine set_up_anti_locking
+
+  !> The series of XPIC and FMPM
+  subroutine set_up_series(scene, s, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    type(error_t), allocatable, intent(inout) :: error
+    s%method%series = series_none
+    select case (word_of(scene, "method", 1, "transfer"))
+    case ("xpic"); s%method%series = series_xpic
+    case ("fmpm"); s%method%series = series_fmpm
+    case default; return
+    end select
+    s%method%flip = 1.0_wp ! in the steps between
+    s%method%order = integer_of(scene, "method", 1, "transfer_order")
+    s%method%series_every = integer_of(scene, "method", 1, "transfer_every")
+    select case (word_of(scene, "method", 1, "position_update"))
+    case ("published"); s%method%position = position_published
+    case ("new"); s%method%position = position_new
+    case default; s%method%position = position_grid
+    end select
+    if (s%method%position == position_new .and. s%method%series == series_xpic) call complain(error, scene, "method", 1, &
+      "position_update", "is for transfer = 'fmpm', whose particle velocities are grid velocities; use 'grid' or 'published'")
+    if (s%method%series == series_xpic) return
+    s%method%strain_by_series = word_of(scene, "method", 1, "strain_velocity") == "order_k"
+    if (s%method%strain_by_series .and. s%method%scheme /= usl .and. s%method%scheme /= musl) call complain(error, scene, "method", &
+      1, "strain_velocity", "is for stress_update = 'usl' or 'musl', which strain once a step with the new velocity; use 'lumped'")
+  end subroutine set_up_series
 
   !> Moving least squares take w D^-1 (x_i - x_p) for the gradient of a weight: it is one where D is the same for every particle
   subroutine check_least_squares(scene, s, error)

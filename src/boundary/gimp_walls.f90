@@ -9,7 +9,7 @@ module gimp_walls
   implicit none(type, external)
   private
   public :: walls_t, wall_t, side_free, side_stick, side_slip, side_symmetry, side_periodic, side_velocity
-  public :: set_walls, walls_near, constrain, move_walls, side_of_word, condition_of_word, is_wall
+  public :: set_walls, walls_near, constrain, constrain_change, move_walls, side_of_word, condition_of_word, is_wall
 
   integer, parameter :: side_free = 0, side_stick = 1, side_slip = 2, side_symmetry = 3, side_periodic = 4, side_velocity = 5
 
@@ -110,6 +110,19 @@ contains
       if (node(k) >= high_side_node(grid, k)) call hold_all(walls%side(2, k), v)
     end do
   end subroutine constrain
+
+  !> Make a change of a nodal velocity obey the sides: where the velocity is given, it does not change
+  pure subroutine constrain_change(walls, grid, node, dv)
+    type(walls_t), intent(in) :: walls
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: node(3)
+    real(wp), intent(inout) :: dv(3) !! [m/s]
+    real(wp) :: at_rest(3)
+    at_rest = 0.0_wp
+    call constrain(walls, grid, node, at_rest)
+    call constrain(walls, grid, node, dv)
+    dv = dv - at_rest
+  end subroutine constrain_change
 
   pure subroutine hold_normal(wall, k, v)
     type(wall_t), intent(in) :: wall

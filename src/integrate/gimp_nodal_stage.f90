@@ -14,10 +14,10 @@ module gimp_nodal_stage
     book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_cut, book_cut_momentum, &
     book_reaction, book_pushed, book_impulse, book_held
   use gimp_books, only: books_t
-  use gimp_run_state, only: stepper_t, damping_local, phase_grid
+  use gimp_run_state, only: stepper_t, flip_now, damping_local, phase_grid
   implicit none(type, external)
   private
-  public :: nodal_stage
+  public :: nodal_stage, collect_pads
 
 
 contains
@@ -36,7 +36,7 @@ contains
 
     start = seconds_now()
     step = node_step_t(stage=stage, kick=real(kick, wp), gravity=real(gravity_at(s%loads, s%time), wp), cutoff=s%cutoff_mass, round_off=s%round_off_mass, &
-                       pic=1.0_wp - s%method%flip)
+                       pic=1.0_wp - flip_now(s))
     if (s%method%damping == damping_local) step%damping = s%method%damping_factor
     loaded = .false.
     if (stage == stage_full .or. stage == stage_kick) then
@@ -55,16 +55,7 @@ contains
         end do
         !$omp end parallel do
       else
-        if (allocated(s%raw)) then
-          if (size(s%raw, 3) /= table%slots) deallocate (s%raw)
-        end if
-        if (.not. allocated(s%raw)) allocate (s%raw(nf, nodes_per_block, table%slots))
-        !$omp parallel do schedule(dynamic, 16) if(table%slots > few_blocks)
-        do slot = 1, table%slots
-          call sum_pads(engine, slot, s%raw(:, :, slot))
-        end do
-        !$omp end parallel do
-        call add_spills(engine, table%slots, s%raw)
+        call collect_pads(s)
         call remember_images(s, stage)
         call fold_images(engine%images, table%slots, s%raw)
         if (loaded) then
@@ -86,7 +77,7 @@ contains
     end associate
     call column_sums(part, sums)
     sums(book_given) = sums(book_given) + s%sums(sum_affine) ! not a field of the nodes
-    call book_stage(s%books, stage, kick, 1.0_dp - s%method%flip, sums)
+    call book_stage(s%books, stage, kick, 1.0_dp - flip_now(s), sums)
     if (has_images(s%engine%grid) .and. (stage == stage_full .or. stage == stage_kick)) call book_images(s, kick)
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
 
@@ -102,6 +93,24 @@ contains
     end subroutine copy_masses
 
   end subroutine nodal_stage
+
+  !> Sums of all pads and spills at once, in `s%raw`
+  subroutine collect_pads(s)
+    type(stepper_t), intent(inout) :: s
+    integer :: slot
+    associate (slots => s%engine%table%slots)
+      if (allocated(s%raw)) then
+        if (size(s%raw, 3) /= slots) deallocate (s%raw)
+      end if
+      if (.not. allocated(s%raw)) allocate (s%raw(nf, nodes_per_block, slots))
+      !$omp parallel do schedule(dynamic, 16) if(slots > few_blocks)
+      do slot = 1, slots
+        call sum_pads(s%engine, slot, s%raw(:, :, slot))
+      end do
+      !$omp end parallel do
+      call add_spills(s%engine, slots, s%raw)
+    end associate
+  end subroutine collect_pads
 
   !> Keep what images were given: momentum and mass from the first stage of a step, forces from the one that has them
   subroutine remember_images(s, stage)
@@ -124,7 +133,7 @@ contains
     real(dp) :: impulse(3), part(3), pic
     integer :: k
     impulse = 0.0_dp
-    pic = 1.0_dp - s%method%flip
+    pic = 1.0_dp - flip_now(s)
     do k = 1, size(s%engine%images)
       associate (i => s%engine%images(k), given => s%at_images(:, k))
         associate (target => s%engine%g(:, i%target_place, i%target_slot))

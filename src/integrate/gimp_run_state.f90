@@ -17,11 +17,16 @@ module gimp_run_state
   implicit none(type, external)
   private
   public :: stepper_t, method_t, carry_stepper, stepper_bytes, set_bounds, find_held, kinetic_given, momentum_of, weigh
+  public :: in_series, flip_now, series_none, series_xpic, series_fmpm, position_grid, position_published, position_new
   public :: usf, usl, musl, usavg, scheme_of_word, damping_none, damping_local, damping_kinetic
   public :: phase_grid, phase_particles, phase_sort, phase_checks, n_phases
 
   integer, parameter :: usf = 1, usl = 2, musl = 3, usavg = 4
   integer, parameter :: damping_none = 0, damping_local = 1, damping_kinetic = 2
+  integer, parameter :: series_none = 0, series_xpic = 1, series_fmpm = 2
+  integer, parameter :: position_grid = 1 !! x' = x + dt S v+
+  integer, parameter :: position_published = 2 !! XPIC: x + dt (S v + (v' - v)/2), FMPM: x + dt (v + v')/2
+  integer, parameter :: position_new = 3 !! x' = x + dt v'
   integer, parameter :: phase_grid = 1, phase_particles = 2, phase_sort = 3, n_phases = 4
   integer, parameter :: phase_checks = 4 !! critical step, and the copy of the state for steps that may be redone
 
@@ -34,6 +39,11 @@ module gimp_run_state
     integer :: damping = damping_none
     real(wp) :: damping_factor = 0.7_wp
     integer :: sort_every = 0 !! steps; 0: when needed
+    integer :: series = series_none !! XPIC or FMPM (gimp_series); `flip` is for the steps without
+    integer :: order = 1 !! terms of it
+    integer :: series_every = 1 !! steps from one to the next
+    integer :: position = position_grid !! what moves particles in a step with the series
+    logical :: strain_by_series = .false. !! strains, too, come from the velocity of that order
   end type method_t
 
   !> A run in progress
@@ -61,6 +71,8 @@ module gimp_run_state
     logical, allocatable :: held(:) !! (slot) touched by a side of the box
     real(wp), allocatable :: raw(:, :, :) !! sums of pads, when images, loads or spills need them all at once
     real(wp), allocatable :: at_images(:, :) !! (field, image) given to images before they were folded
+    real(wp), allocatable :: star(:, :, :) !! (axis, node of block, slot) series of XPIC and FMPM so far [m/s]
+    real(dp), allocatable :: star_impulse(:, :) !! (2 axes, slot) what a term of it loses to cut nodes and gets from sides [kg m/s]
     logical :: sort_now = .false.
     real(dp) :: sums(n_sums) = 0.0_dp !! of all blocks over the last pass
     real(dp) :: kinetic_peak = 0.0_dp
@@ -84,6 +96,20 @@ contains
     case default; scheme = 0
     end select
   end function scheme_of_word
+
+  !> Whether the step in hand takes particle velocities from the series of XPIC or FMPM
+  pure logical function in_series(s)
+    type(stepper_t), intent(in) :: s
+    in_series = .false.
+    if (s%method%series /= series_none) in_series = modulo(s%step, int(s%method%series_every, i8)) == 0
+  end function in_series
+
+  !> Share of FLIP in the velocity transfer of the step in hand: the series keeps nothing of the old particle velocities
+  pure real(wp) function flip_now(s)
+    type(stepper_t), intent(in) :: s
+    flip_now = s%method%flip
+    if (in_series(s)) flip_now = 0.0_wp
+  end function flip_now
 
   !> Bytes in use: the engine's, and those of the state that steps may be redone from
   pure integer(i8) function stepper_bytes(s)

@@ -15,7 +15,8 @@ module gimp_stepper
   use gimp_chunk_state, only: elastic_energy_of, elastic_round_off
   use gimp_saved_state, only: save_particles
   use gimp_stability, only: critical_step, check_none, strains_plain, strains_after_kick, strains_smoothed
-  use gimp_run_state, only: stepper_t, usf, usl, musl, usavg, damping_kinetic, phase_checks, set_bounds, find_held, kinetic_given, &
+  use gimp_series, only: note_series, smooth_velocity, smooth_strain
+  use gimp_run_state, only: stepper_t, flip_now, usf, usl, musl, usavg, damping_kinetic, phase_checks, set_bounds, find_held, kinetic_given, &
     momentum_of, weigh
   use gimp_particle_stage, only: run_pass, give_pass, resort
   use gimp_nodal_stage, only: nodal_stage
@@ -95,7 +96,7 @@ contains
     factor = 1.0_wp
     if (s%method%scheme == usl) then
       strains = strains_after_kick
-    else if (s%engine%affine /= affine_none) then
+    else if (s%engine%affine /= affine_none .or. s%method%strain_by_series) then
       strains = strains_plain
     else
       strains = strains_smoothed
@@ -146,20 +147,27 @@ contains
     s%books%work_external = 0.0_dp
     s%removed_kinetic = 0.0_dp
     call move_walls(s%walls, s%time + 0.5_dp*s%dt)
-    first = pass_t(flip=s%method%flip, dt=real(s%dt, wp), dt_strain=real(s%dt, wp), kick=real(kick, wp), time=s%time)
+    first = pass_t(flip=flip_now(s), dt=real(s%dt, wp), dt_strain=real(s%dt, wp), kick=real(kick, wp), time=s%time)
+    call note_series(s, first)
     last = first
     last%time = s%time + s%dt
 
     select case (s%method%scheme)
     case (usl)
       call nodal_stage(s, stage_full, kick)
+      call smooth_velocity(s, kick, error)
+      if (allocated(error)) return
       last%velocity = .true.; last%position = .true.; last%strain = .true.
     case (musl)
       call nodal_stage(s, stage_full, kick)
+      call smooth_velocity(s, kick, error)
+      if (allocated(error)) return
       first%velocity = .true.; first%momentum = .true.; first%old_weights = .true.
       call run_pass(s, first, error)
       if (allocated(error)) return
       call nodal_stage(s, stage_project, kick)
+      call smooth_strain(s, error)
+      if (allocated(error)) return
       last%position = .true.; last%moved_by_second = .true.; last%strain = .true.
     case (usf)
       call nodal_stage(s, stage_velocity, kick)
@@ -167,6 +175,8 @@ contains
       call run_pass(s, first, error)
       if (allocated(error)) return
       call nodal_stage(s, stage_kick, kick)
+      call smooth_velocity(s, kick, error)
+      if (allocated(error)) return
       last%velocity = .true.; last%position = .true.
     case (usavg)
       call nodal_stage(s, stage_velocity, kick)
@@ -174,7 +184,10 @@ contains
       call run_pass(s, first, error)
       if (allocated(error)) return
       call nodal_stage(s, stage_kick, kick)
-      second = pass_t(flip=s%method%flip, kick=real(kick, wp), velocity=.true., momentum=.true., old_weights=.true.)
+      call smooth_velocity(s, kick, error)
+      if (allocated(error)) return
+      second = pass_t(flip=flip_now(s), kick=real(kick, wp), velocity=.true., momentum=.true., old_weights=.true.)
+      call note_series(s, second)
       call run_pass(s, second, error)
       if (allocated(error)) return
       call nodal_stage(s, stage_project, kick)

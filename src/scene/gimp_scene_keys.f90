@@ -287,7 +287,7 @@ contains
   pure subroutine method_keys(t, n)
     type(key_t), intent(inout) :: t(:)
     integer, intent(inout) :: n
-    character(len=*), parameter :: g = "method"
+    character(len=*), parameter :: g = "method", series = "transfer=xpic|fmpm"
     call add(t, n, g, "basis", kind_word, "shape functions", words="linear ugimp cpgimp cpdi gauss_gimp ddmp bspline2 bspline3", &
              default="cpgimp", planned="cpdi2")
     call add(t, n, g, "spline_boundary", kind_word, "splines at the sides of the box. open: knots end there, material must stay "// &
@@ -304,8 +304,17 @@ contains
              when="basis=gauss_gimp quadrature=surface|volume")
     call add(t, n, g, "domain_limit", kind_real, "longer half diagonals of a domain are shortened, for the weights only", &
              unit="cells", range="(0,2]", default="1", when="basis=cpdi|gauss_gimp")
-    call add(t, n, g, "transfer", kind_word, "how grid velocity comes back to particles", words="flip pic apic tpic mls", &
-             default="?basis linear=flip ddmp=flip *=apic", planned="xpic fmpm")
+    call add(t, n, g, "transfer", kind_word, "how grid velocity comes back to particles", words="flip pic apic tpic mls xpic "// &
+             "fmpm", default="?basis linear=flip ddmp=flip *=apic")
+    call add(t, n, g, "transfer_order", kind_integer, "terms of the series that approaches the consistent mass: m of XPIC(m), k of "// &
+             "FMPM(k); 1 is PIC, each further one costs a pass", range="[1,)", default="2", when=series)
+    call add(t, n, g, "transfer_every", kind_integer, "steps from one such transfer to the next, with FLIP between", range="[1,)", &
+             default="1", when=series)
+    call add(t, n, g, "position_update", kind_word, "grid: x + dt S v+; new (fmpm): x + dt v'; published: x + dt (v + v')/2 (fmpm), "// &
+             "x + dt (S v + (v' - v)/2) (xpic), of first order", words="grid new published", default="?transfer fmpm=new *=grid", &
+             when=series)
+    call add(t, n, g, "strain_velocity", kind_word, "velocity that strains come from: lumped, or the series to the same order", &
+             words="lumped order_k", default="lumped", when="transfer=fmpm")
     call add(t, n, g, "flip_fraction", kind_real, "q in v' = S v+ + q (v - S v): the share of FLIP", range="[0,1]", &
              default="?transfer,basis flip,linear=0.995 flip,ddmp=0.995 flip,*=1 *,*=0.95", when="transfer=flip|apic|tpic|mls")
     call add(t, n, g, "stress_update", kind_word, "where in the step stress is updated", words="usf usl musl usavg", &

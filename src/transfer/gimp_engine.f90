@@ -20,6 +20,7 @@ module gimp_engine
   public :: allot_grid, borrow_pads, make_room, pad_bytes, grid_bytes
   public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, n_sums
   public :: peak_rate, peak_speed, peak_strain, n_peaks
+  public :: motion_none, motion_grid, motion_mean, motion_change
   public :: fate_fine, fate_inverted, fate_outside, fate_lost, fate_jumped
 
   integer, parameter :: drift = 1 !! cells that a particle may stray from its block before it must be sorted
@@ -27,6 +28,12 @@ module gimp_engine
   integer, parameter :: tasks_per_thread = 32 !! handed out as threads become free
   integer, parameter :: apart = 16 !! counters of two threads must not share a cache line
   integer, parameter :: work_of_pad = 8 !! loading and storing the pad of a block, in chunks of particles
+
+  !> What a pass makes of the velocity that particles move with (see `moved_by_particle`)
+  integer, parameter :: motion_none = 0
+  integer, parameter :: motion_grid = 1 !! S of fields 1-3
+  integer, parameter :: motion_mean = 2 !! (v + v')/2
+  integer, parameter :: motion_change = 3 !! (v' - v)/2 more than it was
 
   integer, parameter :: affine_none = 0, affine_apic = 1, affine_tpic = 2, affine_mls = 3
   integer, parameter :: anti_none = 0, anti_f_bar = 1, anti_b_bar = 2, anti_cell_stress = 3 !! remedies against locking
@@ -83,6 +90,11 @@ module gimp_engine
     logical :: force = .false. !! give internal and body forces
     logical :: old_weights = .false. !! give with the weights of the take
     logical :: cells = .false. !! only add up over the cells what the strains of the next pass need (see gimp_cells)
+    logical :: smooth = .false. !! give m S u as momentum, u of fields 1-3; particles stay as they are
+    logical :: external = .false. !! book the work of external forces, though no velocity is new
+    integer :: replaced_by = 0 !! v' = S of the velocity from this field on (1 or 5), in place of the formula above
+    logical :: moved_by_particle = .false. !! x' = x + dt V, V the particle's `motion` if it has one, else its new velocity
+    integer :: motion = motion_none
     real(wp) :: dt = 0.0_wp !! step of positions [s]
     real(wp) :: dt_strain = 0.0_wp !! step of strains [s]
     real(wp) :: kick = 0.0_wp !! step of velocities [s]: the half-step start and changing steps make it differ

@@ -26,7 +26,7 @@ MATERIALS = {
     "jaumann": {"model": "linear_elastic", "rate": "jaumann"},
     "henckyvm": {"model": "hencky_von_mises"},
 }
-TRANSFERS = ("apic", "tpic")  # beside flip; `mix` is the share q of the old velocity
+TRANSFERS = ("apic", "tpic", "xpic", "fmpm")  # beside flip; `mix` is the share q of the old velocity
 ANTI_LOCKING = {"fbar": "f_bar", "cellstress": "cell_stress"}
 CONDITIONS = {"roller": "slip", "stick": "stick"}
 
@@ -70,7 +70,7 @@ class Golden:
         """Why a file is not compared yet: it needs a method that is not built; None if it can be"""
         more = set(self.options) - {"mat", "bc", "alpha", "half", "sy", "H"}
         if self.options.get("transfer") in TRANSFERS:
-            more -= {"transfer", "mix"}
+            more -= {"transfer", "mix", "order"}
         more -= {"gauss"}  # points an axis and form of that basis
         more -= {"fbar", "cellstress"}
         if self.basis not in BASES:
@@ -138,7 +138,12 @@ def scene(golden):
               "bs3": "spline_boundary = 'open' ", "bs2u": "spline_boundary = 'ghost' ",
               "bs3u": "spline_boundary = 'ghost' "}.get(golden.basis, "")
     anti_locking = "".join(f"anti_locking = '{word}' " for key, word in ANTI_LOCKING.items() if golden.options.get(key))
-    text.append(f"&method basis = '{BASES[golden.basis]}' {domain}{anti_locking}transfer = '{golden.transfer}' flip_fraction = {golden.flip!r} "
+    transfer = f"transfer = '{golden.transfer}' "
+    if golden.transfer in ("xpic", "fmpm"):
+        transfer += f"transfer_order = {golden.options['order']} position_update = 'published' "
+    else:
+        transfer += f"flip_fraction = {golden.flip!r} "
+    text.append(f"&method basis = '{BASES[golden.basis]}' {domain}{anti_locking}{transfer}"
                 f"stress_update = '{golden.scheme}' deformation_update = 'forward' "
                 f"half_step_start = .{str(golden.half_start).lower()}. mass_cutoff = {float(golden.cutoff / golden.mass.max())!r} /")
     text.append(f"&time end = {golden.dt * STEPS[-1]!r} step_rule = 'fixed' step = {golden.dt!r} /")
@@ -157,7 +162,7 @@ def test_files_are_known():
         "d2_ugimp_musl_nh_stick", "d2_ugimp_usl_nh_apic", "d2_ugimp_musl_nh_tpic", "d2_cpgimpU_musl_nh_apicmix",
         "d2_ugimp_usl_hwsym", "d2_ugimp_usl_henckyvm", "d3_linear_usl_nh", "d1_bs2_usl_nh", "d1_bs3_usl_nh",
         "d1_bs2u_usl_nh", "d1_bs3u_usl_nh", "d1_cpdi_usl_nh", "d2_cpdi_usl_nh", "d1_ddmp_usl_nh", "d2_gauss2surface_musl_nh",
-        "d2_gauss3simpson_musl_nh", "d2_ugimp_usl_nh_fbar"}
+        "d2_gauss3simpson_musl_nh", "d2_ugimp_usl_nh_fbar", "d2_ugimp_musl_nh_fmpm2", "d2_ugimp_usl_nh_xpic2"}
 
 
 @pytest.mark.parametrize("kernel", ["auto", "list"])
