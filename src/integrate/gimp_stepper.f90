@@ -16,7 +16,7 @@ module gimp_stepper
   use gimp_saved_state, only: save_particles
   use gimp_stability, only: critical_step, check_none, strains_plain, strains_after_kick, strains_smoothed
   use gimp_series, only: note_series, smooth_velocity, smooth_strain
-  use gimp_run_state, only: stepper_t, flip_now, usf, usl, musl, usavg, damping_kinetic, phase_checks, set_bounds, find_held, kinetic_given, &
+  use gimp_run_state, only: stepper_t, flip_now, series_none, usf, usl, musl, usavg, damping_kinetic, phase_checks, set_bounds, find_held, kinetic_given, &
     momentum_of, weigh
   use gimp_particle_stage, only: run_pass, give_pass, resort
   use gimp_nodal_stage, only: nodal_stage
@@ -96,7 +96,7 @@ contains
     factor = 1.0_wp
     if (s%method%scheme == usl) then
       strains = strains_after_kick
-    else if (s%engine%affine /= affine_none .or. s%method%strain_by_series) then
+    else if (s%engine%affine /= affine_none .or. s%method%series /= series_none) then
       strains = strains_plain
     else
       strains = strains_smoothed
