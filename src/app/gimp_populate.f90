@@ -9,6 +9,7 @@ module gimp_populate
   use gimp_particle_file, only: particle_table_t, read_particle_file
   use gimp_particles, only: add_field, allot_chunks, clear_chunks, group_t
   use gimp_basis, only: basis_linear, basis_cpgimp, basis_ddmp, is_sampled
+  use gimp_corner_domains, only: carried_none, carried_simplex
   use gimp_point_domains, only: half_edges, limit_edges
   use gimp_domains, only: domain_half_lengths
   use gimp_verification, only: verification_t, exact_motion
@@ -19,6 +20,7 @@ module gimp_populate
   use gimp_cell_pass, only: evens_strain
   use gimp_material, only: most_states
   use gimp_loads, only: load_point
+  use gimp_start_corners, only: box_at, store_corners, deform_corners, exact_corners, settle_corners, table_corner_fault, corners_in_cells
   use gimp_scene, only: scene_t, count_groups, is_given, real_of, reals_of, integers_of, integer_of, word_of, text_of_key, &
     texts_of, complain
   use gimp_setup, only: body_named
@@ -50,6 +52,8 @@ contains
     do b = 1, n
       call describe_body(scene, b, bodies(b))
     end do
+    bodies%corners = s%engine%rule%carried /= carried_none
+    bodies%simplices = s%engine%rule%carried == carried_simplex
     call fill_bodies(scene%dimension, s%engine%grid%lower, s%engine%grid%spacing, s%engine%grid%cells, bodies, population%fill, &
                      problem)
     if (allocated(problem)) call tell_fill(scene, bodies, problem%message, error)
@@ -105,6 +109,7 @@ contains
     integer, intent(in) :: b
     type(particle_table_t), intent(in) :: table
     type(error_t), allocatable, intent(inout) :: error
+    character(len=:), allocatable :: fault
     real(dp) :: x, f(9)
     integer(i8) :: i
     integer :: k
@@ -120,6 +125,13 @@ contains
         if (determinant_of(scene%dimension, f) <= 0.0_dp) then
           call complain(error, scene, "body", b, "file", "particle "//text_of(i) &
                         //" is inverted: its deformation_gradient must have a positive determinant")
+          return
+        end if
+      end if
+      if (s%engine%rule%carried /= carried_none) then
+        fault = table_corner_fault(s%engine, table, i)
+        if (fault /= "") then
+          call complain(error, scene, "body", b, "file", fault)
           return
         end if
       end if
@@ -281,7 +293,14 @@ contains
         call add_field(p, "half_length", d, p%half_length, "domains differ in size")
       end if
       if (s%engine%basis == basis_cpgimp) call add_field(p, "domain", d, p%domain, "basis = cpgimp")
-      if (is_sampled(s%engine%basis)) call add_field(p, "domain", d*d, p%domain, "basis = "//word_of(scene, "method", 1, "basis"))
+      if (s%engine%rule%carried /= carried_none) then
+        call add_field(p, "corner", d*s%engine%rule%n, p%corner, "basis = cpdi2")
+        call add_field(p, "detached", 1, p%detached, "basis = cpdi2")
+        if (s%engine%total_deformation) &
+          call add_field(p, "reference_gradient", d*s%engine%rule%n, p%reference_gradient, "cpdi2_deformation = total")
+      else if (is_sampled(s%engine%basis)) then
+        call add_field(p, "domain", d*d, p%domain, "basis = "//word_of(scene, "method", 1, "basis"))
+      end if
       if (s%engine%affine /= affine_none) call add_field(p, "affine", d*d, p%affine, &
         "transfer = "//word_of(scene, "method", 1, "transfer"))
       if (s%engine%total) call add_field(p, "displacement", d, p%displacement, "formulation = total")
@@ -411,6 +430,15 @@ contains
         if (p%half_length%first > 0) p%p(l, p%half_length%first + k - 1, c) = real(half(k), wp)
       end do
       p%p(l, p%deformation%first:p%deformation%first + d*d - 1, c) = real(f(:d*d), wp)
+      if (p%corner%first == 0) return
+      if (allocated(table%corner)) then
+        call store_corners(p, l, c, corners_in_cells(s%engine, table%corner(:, i)))
+      else if (fill%keeps(b)) then
+        call store_corners(p, l, c, (fill%corner(:, :, q) - spread(s%engine%grid%lower(:d), 2, s%engine%rule%n))*hinv)
+      else
+        call store_corners(p, l, c, box_at(d, (x(:d) - s%engine%grid%lower(:d))*hinv, half(:d)))
+        if (allocated(table%deformation_gradient)) call deform_corners(p, l, c, f)
+      end if
     end associate
   end subroutine place_particle
 
@@ -471,6 +499,7 @@ contains
           do l = 1, lanes
             if (p%id(l, c) < population%first(b) .or. p%id(l, c) >= population%first(b) + population%count(b)) cycle
             if (has_f) p%p(l, p%deformation%first:p%deformation%first + d*d - 1, c) = real(f(:d*d), wp)
+            if (has_f .and. p%corner%first > 0) call deform_corners(p, l, c, f)
             if (.not. exact .and. .not. allocated(population%table(b)%velocity)) then
               x = 0.0_dp
               x(:d) = s%engine%grid%lower(:d) + s%engine%grid%spacing*p%p(l, :d, c) - center(:d)
@@ -523,6 +552,7 @@ contains
     type(population_t), intent(in) :: population
     integer, intent(in) :: b, c
     real(dp) :: x(lanes, 3), u(lanes, 3), v(lanes, 3), f(lanes, 9)
+    logical :: mine(lanes)
     integer :: d, i, j, k, l
     d = s%engine%grid%dim
     associate (p => s%engine%particles)
@@ -531,8 +561,10 @@ contains
         if (p%id(l, c) == 0) x(l, :) = x(1, :)
       end do
       call exact_motion(solution, 0.0_dp, x, u, v, f)
+      mine = p%id(:, c) >= population%first(b) .and. p%id(:, c) < population%first(b) + population%count(b)
+      if (p%corner%first > 0 .and. any(mine)) call exact_corners(s%engine, solution, c, mine)
       do l = 1, lanes
-        if (p%id(l, c) < population%first(b) .or. p%id(l, c) >= population%first(b) + population%count(b)) cycle
+        if (.not. mine(l)) cycle
         do k = 1, d
           p%p(l, k, c) = real(p%p(l, k, c) + u(l, k)/s%engine%grid%spacing, wp)
           p%p(l, p%velocity%first + k - 1, c) = real(v(l, k), wp)
@@ -572,6 +604,7 @@ contains
           q = p%state%first
           p%p(:, q:q + p%state%components - 1, c) = history(:, :p%state%components)
         end if
+        if (p%corner%first > 0) call settle_corners(s%engine, c, f)
         if (p%domain%first == 0) cycle
         do k = 1, 3
           half0(:, k) = p%uniform_half(k)

@@ -268,6 +268,7 @@ contains
   subroutine print_counts(s)
     type(stepper_t), intent(in) :: s
     call say(s%books%clamped, "particle domains shortened to the longest allowed (particle-steps)")
+    call say(s%books%detached, "domains with collapsed or far corners, which follow F from then on")
     call say(s%books%wide_chunks, "chunks through the list kernel (wide supports or drift)")
     call say(s%books%spilled, "node values beyond a pad")
     call say(s%books%cut_nodes, "nodes below the mass cut-off (node-steps); momentum lost "//text_of(s%books%cut_momentum, 3)//" kg m/s")
@@ -334,6 +335,7 @@ contains
     call word("state_hash", hash_text(s))
     call whole("sorts", s%books%sorts)
     call whole("clamped_domains", s%books%clamped)
+    call whole("detached_domains", s%books%detached)
     call whole("wide_chunks", s%books%wide_chunks)
     call whole("spilled_values", s%books%spilled)
     call whole("cut_nodes", s%books%cut_nodes)

@@ -6,7 +6,8 @@ module gimp_setup
   use gimp_grid, only: make_grid
   use gimp_basis, only: basis_of_word, basis_linear, basis_cpgimp, basis_ugimp, basis_ddmp, is_sampled, spline_degree
   use gimp_point_domains, only: corner_rule, volume_rule, surface_rule, simpson_rule
-  use gimp_domains, only: domain_of_word, domain_edges, domain_fixed
+  use gimp_domains, only: domain_of_word, domain_edges, domain_fixed, domain_carried
+  use gimp_corner_domains, only: carried_none, carried_box, carried_simplex, corners_of
   use gimp_material_options, only: material_options_t
   use gimp_material_table, only: make_material
   use gimp_verification, only: verification_t, verification_options_t, make_verification, has_body_force
@@ -157,6 +158,7 @@ contains
     if (is_sampled(s%engine%basis)) call set_up_points(scene, s)
     s%engine%total = word_of(scene, "method", 1, "formulation") == "total"
     if (s%engine%total) call set_up_total(scene, s, error)
+    if (s%engine%rule%carried /= carried_none) call check_carried(scene, s, error)
     if (spline_degree(s%engine%basis) > 0) call set_up_spline(scene, s, error)
     s%engine%dual_alpha = real(real_of(scene, "method", 1, "ddmp_alpha"), wp)
     s%engine%list_kernel = word_of(scene, "method", 1, "kernel") == "list"
@@ -284,10 +286,18 @@ contains
     d = scene%dimension
     s%engine%domain_rule = domain_edges
     s%engine%longest_diagonal = real(real_of(scene, "method", 1, "domain_limit"), wp)
-    if (word_of(scene, "method", 1, "basis") == "cpdi") then
+    select case (word_of(scene, "method", 1, "basis"))
+    case ("cpdi")
       s%engine%rule = corner_rule(d)
       return
-    end if
+    case ("cpdi2")
+      s%engine%domain_rule = domain_carried
+      s%engine%rule%carried = carried_box
+      if (word_of(scene, "method", 1, "particle_domain") == "simplex") s%engine%rule%carried = carried_simplex
+      s%engine%rule%n = corners_of(s%engine%rule%carried, d)
+      s%engine%total_deformation = word_of(scene, "method", 1, "cpdi2_deformation") == "total"
+      return
+    end select
     select case (word_of(scene, "method", 1, "quadrature"))
     case ("simpson")
       s%engine%rule = simpson_rule(d)
@@ -299,6 +309,30 @@ contains
       s%engine%rule = volume_rule(d, n)
     end select
   end subroutine set_up_points
+
+  !> What domains whose corners move with the grid cannot do
+  subroutine check_carried(scene, s, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(in) :: s
+    type(error_t), allocatable, intent(inout) :: error
+    integer :: k
+    if (s%engine%total) call complain(error, scene, "method", 1, "formulation", "'total' leaves domains where they start, so that corners "// &
+      "have nowhere to go; use basis = 'cpdi'")
+    if (s%engine%total_deformation .and. is_given(scene, "method", 1, "deformation_update")) call complain(error, scene, "method", 1, &
+      "deformation_update", "is not read with cpdi2_deformation = 'total', where F follows from the corners; take it away")
+    if (s%engine%total_deformation .and. (word_of(scene, "method", 1, "stress_update") /= "usl" .or. &
+                                          word_of(scene, "method", 1, "strain_velocity") == "order_k")) call complain(error, scene, "method", 1, &
+      "cpdi2_deformation", "'total' needs stress_update = 'usl' and strains from the velocity that moves the corners; use 'incremental'")
+    if (s%engine%total_deformation .and. word_of(scene, "method", 1, "anti_locking") /= "none") call complain(error, scene, "method", 1, &
+      "cpdi2_deformation", "'total' cannot be had with anti_locking, whose averages are of increments; use 'incremental'")
+    if (is_given(scene, "method", 1, "position_update") .and. word_of(scene, "method", 1, "position_update") /= "grid") &
+      call complain(error, scene, "method", 1, "position_update", "moves particles with their own velocity, which corners do not have; use 'grid'")
+    if (s%engine%rule%carried /= carried_simplex) return
+    do k = 1, count_groups(scene, "load")
+      if (word_of(scene, "load", k, "kind") == "traction" .or. word_of(scene, "load", k, "kind") == "pressure") &
+        call complain(error, scene, "load", k, "kind", "acts on faces of the fill lattice, which simplices do not have; set particle_domain = 'box'")
+    end do
+  end subroutine check_carried
 
   !> Where the knots of a spline end; open knots have no nodes beyond a side that images could stand for
   subroutine set_up_spline(scene, s, error)

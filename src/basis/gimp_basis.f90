@@ -10,12 +10,12 @@ module gimp_basis
   private
   public :: weight_list_t, make_weight_list, take_moments, list_inertia, inertia_of_list, axis_weights, basis_of_word, basis_words, support_width, spline_degree, &
     kernel_of, is_sampled
-  public :: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_gauss, basis_ddmp, longest_half, narrow_half, most_nodes
+  public :: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_gauss, basis_ddmp, basis_cpdi2, longest_half, narrow_half, most_nodes
   public :: kernel_points, kernel_dual
 
   integer, parameter :: basis_linear = 1, basis_ugimp = 2, basis_cpgimp = 3, basis_bspline2 = 4, basis_bspline3 = 5, &
-    basis_cpdi = 6, basis_gauss = 7, basis_ddmp = 8
-  character(len=*), parameter :: basis_words = "linear ugimp cpgimp bspline2 bspline3 cpdi gauss_gimp ddmp"
+    basis_cpdi = 6, basis_gauss = 7, basis_ddmp = 8, basis_cpdi2 = 9
+  character(len=*), parameter :: basis_words = "linear ugimp cpgimp bspline2 bspline3 cpdi gauss_gimp ddmp cpdi2"
   integer, parameter :: kernel_points = 5, kernel_dual = 6 !! the fast kernels: 2, 3, 4 nodes an axis; points; dual domains
   real(wp), parameter :: narrow_half = 0.5_wp !! up to this half length a GIMP support has 3 nodes an axis
   real(wp), parameter :: longest_half = 2.0_wp !! domains are clamped to this half length [cells]
@@ -45,6 +45,7 @@ contains
     case ("cpdi"); basis = basis_cpdi
     case ("gauss_gimp"); basis = basis_gauss
     case ("ddmp"); basis = basis_ddmp
+    case ("cpdi2"); basis = basis_cpdi2
     case default; basis = 0
     end select
   end function basis_of_word
@@ -52,7 +53,7 @@ contains
   !> Whether the basis samples its domains at points (see gimp_point_domains)
   pure logical function is_sampled(basis)
     integer, intent(in) :: basis
-    is_sampled = basis == basis_cpdi .or. basis == basis_gauss
+    is_sampled = basis == basis_cpdi .or. basis == basis_gauss .or. basis == basis_cpdi2
   end function is_sampled
 
   !> Which of the fast kernels serves a basis

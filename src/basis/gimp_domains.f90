@@ -5,11 +5,12 @@ module gimp_domains
   use gimp_basis, only: longest_half
   implicit none(type, external)
   private
-  public :: domain_half_lengths, domain_of_word, domain_stretch, domain_diagonal, domain_volume, domain_edges, domain_fixed
+  public :: domain_half_lengths, domain_of_word, domain_stretch, domain_diagonal, domain_volume, domain_edges, domain_fixed, domain_carried
 
   integer, parameter :: domain_stretch = 1, domain_diagonal = 2, domain_volume = 3
   integer, parameter :: domain_fixed = 0 !! domains stay as they are
   integer, parameter :: domain_edges = 4 !! half-edge vectors r_k = F r_k0 (see gimp_point_domains)
+  integer, parameter :: domain_carried = 5 !! corners move with the grid (see gimp_corner_domains)
   real(wp), parameter :: shortest_half = 1.0e-3_wp !! [cells]
 
 contains

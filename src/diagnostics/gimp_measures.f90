@@ -151,13 +151,17 @@ contains
     real(dp), intent(in) :: m
     real(dp) :: spin(3)
     type(weight_list_t) :: list
-    real(wp) :: inertia(3, 3), f(lanes, 9)
+    real(wp) :: inertia(3, 3), f(lanes, 9), center(3)
     real(dp) :: b(3, 3)
     integer :: d, k, q
     d = engine%grid%dim
     associate (p => engine%particles)
       call particle_list(engine, at, c, l, list)
-      inertia = inertia_of_list(d, p%p(l, 1:d, c), make_spline(spline_degree(engine%basis), engine%grid, at), list)
+      center(:d) = p%p(l, 1:d, c)
+      do k = 1, d ! corners that move with the grid carry the centre of their domain along
+        if (p%corner%first > 0) center(k) = sum(list%s(:list%n)*list%node(k, :list%n))
+      end do
+      inertia = inertia_of_list(d, center, make_spline(spline_degree(engine%basis), engine%grid, at), list)
       if (engine%total) then ! arms to nodes are those of the start; F turns them
         call chunk_deformation(p, c, f)
         inertia = matmul(inertia, reshape(f(l, :), [3, 3]))

@@ -197,7 +197,13 @@ contains
       if (q > 0) chunk(:, k) = engine%particles%p(:, q + k - 1, c)
       q = engine%particles%domain%first
       if (engine%basis == basis_cpgimp .and. q > 0) chunk(:, k) = engine%particles%p(:, q + k - 1, c)
-      if (is_sampled(engine%basis)) then ! of the box around the domain
+      if (engine%particles%corner%first > 0) then ! of the box around the domain
+        associate (corner => engine%particles%corner, p => engine%particles%p(:, :, c))
+          q = corner%first + k - 1
+          d = corner%first + corner%components - 1
+          chunk(:, k) = 0.5_dp*(maxval(p(:, q:d:engine%grid%dim), dim=2) - minval(p(:, q:d:engine%grid%dim), dim=2))
+        end associate
+      else if (is_sampled(engine%basis)) then
         d = engine%grid%dim
         chunk(:, k) = sum(abs(engine%particles%p(:, q + k - 1:q + d*(d - 1) + k - 1:d, c)), dim=2)
       end if

@@ -2,7 +2,7 @@
 !>
 !> Datasets (shapes as Python sees them; transposed here): `position` (n, d), `volume` (n), `mass` (n), and optionally
 !> `velocity` (n, d), `deformation_gradient` (n, d*d) row by row, `half_length` (n, d), `stress` (n, 6) in the order xx, yy, zz, xy,
-!> yz, zx, `id` (n). SI units. Any kind of real number is accepted; writing is in double precision.
+!> yz, zx, `id` (n), `corner` (n, corners*d) of the domain as meshes number them, one corner after the other. SI units. Any kind of real number is accepted; writing is in double precision.
 module gimp_particle_file
   use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t, raise, add_error
@@ -24,6 +24,7 @@ module gimp_particle_file
     real(dp), allocatable :: velocity(:, :) !! (d, n) [m/s]
     real(dp), allocatable :: deformation_gradient(:, :) !! (d*d, n) row by row
     real(dp), allocatable :: half_length(:, :) !! (d, n) half the edge of the particle's domain [m]
+    real(dp), allocatable :: corner(:, :) !! (corners*d, n) of the particle's domain: 2^d, or d+1 of a simplex [m]
     real(dp), allocatable :: stress(:, :) !! (6, n) Cauchy stress [Pa]
     integer(i8), allocatable :: id(:) !! (n)
   end type particle_table_t
@@ -76,9 +77,24 @@ contains
     call read_matrix(file, "velocity", dimension, table%n, .false., table%velocity, error)
     call read_matrix(file, "deformation_gradient", dimension**2, table%n, .false., table%deformation_gradient, error)
     call read_matrix(file, "half_length", dimension, table%n, .false., table%half_length, error)
+    call read_matrix(file, "corner", corner_numbers(file, dimension), table%n, .false., table%corner, error)
     call read_matrix(file, "stress", 6, table%n, .false., table%stress, error)
     call read_ids(file, table%n, table%id, error)
   end subroutine read_tables
+
+  !> Numbers for the corners of a particle: those of a box, unless the file has those of a simplex
+  integer function corner_numbers(file, d) result(n)
+    type(hdf5_file_t), intent(in) :: file
+    integer, intent(in) :: d
+    type(error_t), allocatable :: ignored
+    integer(i8), allocatable :: extents(:)
+    n = d*2**d
+    if (.not. has_dataset(file, "corner")) return
+    call dataset_shape(file, "corner", extents, ignored)
+    if (size(extents) == 2) then
+      if (extents(1) == d*(d + 1)) n = d*(d + 1)
+    end if
+  end function corner_numbers
 
   !> A matrix of `rows` components; with one component a vector is accepted
   subroutine read_matrix(file, name, rows, n, needed, values, error)
@@ -157,6 +173,7 @@ contains
     call check_finite("velocity", table%velocity)
     call check_finite("deformation_gradient", table%deformation_gradient)
     call check_finite("half_length", table%half_length)
+    call check_finite("corner", table%corner)
     call check_finite("stress", table%stress)
     call check_positive("volume", table%volume)
     call check_positive("mass", table%mass)
@@ -234,6 +251,7 @@ contains
     call put("velocity", table%velocity)
     call put("deformation_gradient", table%deformation_gradient)
     call put("half_length", table%half_length)
+    call put("corner", table%corner)
     call put("stress", table%stress)
     if (allocated(table%id) .and. .not. allocated(error)) call write_dataset(file, "id", table%id, error)
   contains

@@ -33,6 +33,7 @@ module gimp_books
     integer(i8) :: cut_nodes = 0 !! node-steps below the mass cut-off
     real(dp) :: cut_momentum = 0.0_dp !! momentum that those nodes did not get back [kg m/s], sum of norms
     integer(i8) :: clamped = 0 !! domains shortened, particle-steps
+    integer(i8) :: detached = 0 !! domains whose corners were given up
     integer(i8) :: wide_chunks = 0 !! chunk-steps through the list kernel
     integer(i8) :: spilled = 0 !! node values beyond a pad
     integer(i8) :: lost_loads = 0 !! load points on inactive nodes

@@ -6,7 +6,7 @@ module gimp_particle_stage
   use gimp_timer, only: seconds_now
   use gimp_accumulator, only: column_sums
   use gimp_basis, only: basis_ddmp
-  use gimp_engine, only: pass_t, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, peak_rate, peak_speed, peak_strain, &
+  use gimp_engine, only: pass_t, sum_external, sum_plastic, sum_clamped, sum_wide, sum_detached, sum_impulse, peak_rate, peak_speed, peak_strain, &
     fate_fine, fate_inverted, fate_outside, fate_jumped
   use gimp_particle_pass, only: particle_pass
   use gimp_cell_pass, only: evens_strain, evens_stress, rates_to_cells, stress_to_cells
@@ -86,6 +86,7 @@ contains
       s%books%work_external = s%books%work_external + s%sums(sum_external)
       s%books%impulse = s%books%impulse + s%sums(sum_impulse:sum_impulse + 2)
       s%books%clamped = s%books%clamped + nint(s%sums(sum_clamped), i8)
+      s%books%detached = s%books%detached + nint(s%sums(sum_detached), i8)
       s%books%wide_chunks = s%books%wide_chunks + nint(s%sums(sum_wide), i8)
       s%books%spilled = s%books%spilled + engine%spill%n
       if (pass%momentum .or. pass%force) s%sort_now = s%sort_now .or. any(engine%restless)

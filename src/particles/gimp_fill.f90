@@ -5,6 +5,10 @@
 !> last axis fastest. Polar fill (2D ring or sphere): rings of equal width cut into equal angles; a particle sits at the mid
 !> radius of its sector, where V0 = r dr dtheta is the exact area; radius by radius from the inside, then by angle.
 !>
+!> Where the corners of domains are wanted, a sector is the quadrilateral between its four corners, whose centroid and area the
+!> particle has: domains tile the body. Parts of cells and sectors may be cut into triangles or tetrahedra (Kuhn 1960: one for each
+!> order of the axes), a particle each at the centroid. Neighbours get the same numbers for the corners they share.
+!>
 !> Who owns a point: a later body takes only what no earlier one holds; `subtract` carves all bodies above it in the list,
 !> and what it frees is open to bodies below it.
 module gimp_fill
@@ -28,6 +32,8 @@ module gimp_fill
     integer :: particles_per_axis(3) = 2 !! per cell
     logical :: polar = .false. !! polar instead of Cartesian fill
     integer :: radial_particles = 0, angular_particles = 0 !! polar fill
+    logical :: corners = .false. !! of domains are wanted (those of a Cartesian fill are boxes and not kept)
+    logical :: simplices = .false. !! cut into triangles or tetrahedra; with `corners`
   end type fill_body_t
 
   !> The particles of all bodies, in the order of the bodies
@@ -36,7 +42,9 @@ module gimp_fill
     real(dp), allocatable :: position(:, :) !! (dim, n) absolute [m]
     real(dp), allocatable :: volume(:) !! (n) [m3; per unit thickness in 2D]
     real(dp), allocatable :: half_length(:, :) !! (dim, n) [m]; polar: of the square with the area of the sector
-    integer, allocatable :: faces(:) !! (n) bit mask: no particle of the same body next to it there; polar fill: 0
+    integer, allocatable :: faces(:) !! (n) bit mask: no particle of the same body next to it there; polar fill and simplices: 0
+    real(dp), allocatable :: corner(:, :, :) !! (dim, corners, n) of domains [m], if some body keeps them
+    logical, allocatable :: keeps(:) !! (bodies) it keeps the corners of its domains
     integer(i8), allocatable :: first(:), count(:) !! (bodies) where a body starts, and how many particles it has
   end type fill_t
 
@@ -67,6 +75,7 @@ contains
     integer :: b, pass, outside
 
     allocate (result%first(size(bodies)), result%count(size(bodies)), source=0_i8)
+    result%keeps = bodies%corners .and. (bodies%polar .or. bodies%simplices)
     do b = 1, size(bodies)
       call check_body(bodies(b), b, dim, error)
     end do
@@ -91,6 +100,8 @@ contains
       result%n = n
       if (pass == 1) allocate (result%position(dim, n), result%volume(n), result%half_length(dim, n), &
         result%faces(n))
+      if (pass == 1 .and. any(result%keeps)) &
+        allocate (result%corner(dim, merge(dim + 1, 2**dim, any(bodies%simplices)), n), source=0.0_dp)
     end do
   end subroutine fill_bodies
 
@@ -126,6 +137,15 @@ contains
     cell = (i - 1 + lattice%per_axis(d))/lattice%per_axis(d) - 1 ! rounds down also for the layer outside
     x = lattice%x(d) + (cell + (i - cell*lattice%per_axis(d) - 0.5_dp)/lattice%per_axis(d))*lattice%spacing
   end function coordinate
+
+  !> Coordinate of the low end of the part of a cell around a lattice point
+  pure real(dp) function low_end(lattice, d, i) result(x)
+    type(lattice_t), intent(in) :: lattice
+    integer, intent(in) :: d, i !! as of `coordinate`
+    integer :: cell
+    cell = (i - 1 + lattice%per_axis(d))/lattice%per_axis(d) - 1
+    x = lattice%x(d) + (cell + (i - 1 - cell*lattice%per_axis(d))/real(lattice%per_axis(d), dp))*lattice%spacing
+  end function low_end
 
   !> Which points of one plane belong to the body; points outside the grid box only set bits of `outside`
   pure subroutine ask_plane(bodies, b, rivals, lattice, i, belongs, outside)
@@ -237,6 +257,10 @@ contains
           if (x(d) < lower(d)) outside = ibset(outside, 2*d - 2)
           if (x(d) > upper(d)) outside = ibset(outside, 2*d - 1)
         end do
+        if (bodies(b)%corners) then
+          call put_domain(bodies(b)%simplices, sector(), fill, result, n)
+          cycle
+        end if
         n = n + 1
         if (.not. fill) cycle
         result%position(:, n) = x(1:2)
@@ -245,7 +269,93 @@ contains
         result%faces(n) = 0
       end do
     end do
+
+  contains
+
+    !> Corners of the sector, the radius first
+    pure function sector() result(box)
+      real(dp) :: box(2, 4)
+      integer :: a, ray
+      do a = 1, 4
+        ray = modulo(j - 1 + (a - 1)/2, bodies(b)%angular_particles)
+        box(:, a) = bodies(b)%shape%center(1:2) &
+                    + (inner + (i - 1 + modulo(a - 1, 2))*width)*[cos(ray*opening), sin(ray*opening)]
+      end do
+    end function sector
+
   end subroutine fill_polar
+
+  !> Count or store the particle of a domain, or those of the simplices it is cut into
+  pure subroutine put_domain(simplices, box, fill, result, n)
+    logical, intent(in) :: simplices, fill
+    real(dp), intent(in) :: box(:, :) !! (dim, 2^dim) corners, the first axis fastest [m]
+    type(fill_t), intent(inout) :: result
+    integer(i8), intent(inout) :: n !! particles so far
+    integer, parameter :: triangles(3, 2) = reshape([1, 2, 4, 1, 4, 3], [3, 2])
+    integer, parameter :: tetrahedra(4, 6) = reshape([1, 2, 4, 8, 1, 3, 7, 8, 1, 5, 6, 8, 1, 4, 3, 8, 1, 7, 5, 8, 1, 6, 2, 8], [4, 6])
+    integer :: piece
+    if (.not. simplices) then
+      call put_particle(box, quadrilateral_area(box), quadrilateral_centroid(box), fill, result, n)
+    else if (size(box, 1) == 2) then
+      do piece = 1, 2
+        call put_simplex(box(:, triangles(:, piece)), fill, result, n)
+      end do
+    else
+      do piece = 1, 6
+        call put_simplex(box(:, tetrahedra(:, piece)), fill, result, n)
+      end do
+    end if
+  end subroutine put_domain
+
+  !> Count or store a simplex, unless it is flat, as some at the middle of a disk
+  pure subroutine put_simplex(corner, fill, result, n)
+    real(dp), intent(in) :: corner(:, :) !! (dim, dim + 1) [m]
+    logical, intent(in) :: fill
+    type(fill_t), intent(inout) :: result
+    integer(i8), intent(inout) :: n
+    real(dp) :: content
+    content = simplex_content(corner)
+    if (content > 0.0_dp) call put_particle(corner, content, sum(corner, dim=2)/size(corner, 2), fill, result, n)
+  end subroutine put_simplex
+
+  pure subroutine put_particle(corner, content, centroid, fill, result, n)
+    real(dp), intent(in) :: corner(:, :), content, centroid(:) !! [m]
+    logical, intent(in) :: fill
+    type(fill_t), intent(inout) :: result
+    integer(i8), intent(inout) :: n
+    n = n + 1
+    if (.not. fill) return
+    result%position(:, n) = centroid
+    result%volume(n) = content
+    result%half_length(:, n) = 0.5_dp*content**(1.0_dp/size(centroid))
+    result%faces(n) = 0
+    result%corner(:, :, n) = corner
+  end subroutine put_particle
+
+  pure real(dp) function simplex_content(corner) result(content)
+    real(dp), intent(in) :: corner(:, :)
+    real(dp) :: e(size(corner, 1), size(corner, 1))
+    e = corner(:, 2:) - spread(corner(:, 1), 2, size(corner, 1))
+    if (size(corner, 1) == 2) then
+      content = 0.5_dp*(e(1, 1)*e(2, 2) - e(2, 1)*e(1, 2))
+    else
+      content = (e(1, 1)*(e(2, 2)*e(3, 3) - e(3, 2)*e(2, 3)) + e(2, 1)*(e(3, 2)*e(1, 3) - e(1, 2)*e(3, 3)) &
+                 + e(3, 1)*(e(1, 2)*e(2, 3) - e(2, 2)*e(1, 3)))/6.0_dp
+    end if
+  end function simplex_content
+
+  !> Corners as of `put_domain`
+  pure real(dp) function quadrilateral_area(box) result(area)
+    real(dp), intent(in) :: box(2, 4)
+    area = simplex_content(box(:, [1, 2, 4])) + simplex_content(box(:, [1, 4, 3]))
+  end function quadrilateral_area
+
+  pure function quadrilateral_centroid(box) result(x)
+    real(dp), intent(in) :: box(2, 4)
+    real(dp) :: x(2)
+    x = (simplex_content(box(:, [1, 2, 4]))*(box(:, 1) + box(:, 2) + box(:, 4)) &
+         + simplex_content(box(:, [1, 4, 3]))*(box(:, 1) + box(:, 4) + box(:, 3)))/(3.0_dp*quadrilateral_area(box))
+  end function quadrilateral_centroid
 
   !> What can be said about a body before it is filled
   pure subroutine check_body(body, b, dim, error)
@@ -327,6 +437,10 @@ contains
       do j = lattice%first(2), lattice%last(2)
         do k = lattice%first(3), lattice%last(3)
           if (.not. here(k, j)) cycle
+          if (bodies(b)%simplices) then
+            call put_domain(.true., part_of_cell([i, j, k]), fill, result, n)
+            cycle
+          end if
           n = n + 1
           if (.not. fill) cycle
           faces = 0
@@ -346,6 +460,21 @@ contains
       end do
       call rotate_planes(before, here, after)
     end do
+
+  contains
+
+    !> Corners of the part of a cell that belongs to a lattice point, the first axis fastest
+    pure function part_of_cell(at) result(box)
+      integer, intent(in) :: at(3)
+      real(dp) :: box(lattice%dim, 2**lattice%dim)
+      integer :: a, d
+      do a = 1, 2**lattice%dim
+        do d = 1, lattice%dim
+          box(d, a) = low_end(lattice, d, at(d) + merge(1, 0, btest(a - 1, d - 1)))
+        end do
+      end do
+    end function part_of_cell
+
   end subroutine fill_lattice
 
 end module gimp_fill

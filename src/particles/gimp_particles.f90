@@ -41,6 +41,9 @@ module gimp_particles
     type(field_t) :: half_length !! initial half lengths in cells, when they differ between particles
     type(field_t) :: domain !! present half lengths in cells (cpgimp), or half-edge vectors (cpdi, gauss_gimp)
     type(field_t) :: displacement !! since the start [cells], where positions stay at the start (total Lagrangian)
+    type(field_t) :: corner !! of domains whose corners move with the grid, relative to the block [cells]
+    type(field_t) :: detached !! 1: that domain had degenerated and follows F since; else 0
+    type(field_t) :: reference_gradient !! g of the corners in the reference shape of the domain [1/cells]
     type(field_t) :: reference !! position at the start, from the corner of the box [cells]
     type(field_t) :: force !! external force on the particle [N]
     type(field_t) :: faces !! bit mask of loaded faces, as a whole number

@@ -239,7 +239,7 @@ contains
     call add(t, n, g, "deformation_gradient", kind_real, "initial deformation gradient F, row by row, of positive determinant", &
              count_tensor, default="?dimension 1=1 2=1,0,0,1 3=1,0,0,0,1,0,0,0,1", when=resting)
     call add(t, n, g, "file", kind_text, "HDF5 file with datasets position, volume, mass and, if wished, velocity, "// &
-             "deformation_gradient, half_length, stress, id", required=.true., when="shape=file")
+             "deformation_gradient, half_length, corner, stress, id", required=.true., when="shape=file")
   end subroutine body_keys
 
   pure subroutine boundary_keys(t, n)
@@ -288,8 +288,8 @@ contains
     type(key_t), intent(inout) :: t(:)
     integer, intent(inout) :: n
     character(len=*), parameter :: g = "method", series = "transfer=xpic|fmpm"
-    call add(t, n, g, "basis", kind_word, "shape functions", words="linear ugimp cpgimp cpdi gauss_gimp ddmp bspline2 bspline3", &
-             default="cpgimp", planned="cpdi2")
+    call add(t, n, g, "basis", kind_word, "shape functions", words="linear ugimp cpgimp cpdi cpdi2 gauss_gimp ddmp bspline2 bspline3", &
+             default="cpgimp")
     call add(t, n, g, "spline_boundary", kind_word, "splines at the sides of the box. open: knots end there, material must stay "// &
              "inside; ghost: equal splines that reach beyond, for periodic and symmetric sides", words="open ghost", &
              default="open", when="basis=bspline2|bspline3")
@@ -303,7 +303,12 @@ contains
     call add(t, n, g, "quadrature_points", kind_integer, "Gauss points along an axis", range="[1,4]", default="2", &
              when="basis=gauss_gimp quadrature=surface|volume")
     call add(t, n, g, "domain_limit", kind_real, "longer half diagonals of a domain are shortened, for the weights only", &
-             unit="cells", range="(0,2]", default="1", when="basis=cpdi|gauss_gimp")
+             unit="cells", range="(0,2]", default="?basis cpdi2=2 *=1", when="basis=cpdi|cpdi2|gauss_gimp")
+    call add(t, n, g, "particle_domain", kind_word, "quadrilaterals and hexahedra, or parts of cells cut into 2 triangles or 6 "// &
+             "tetrahedra, a particle each", words="box simplex", default="box", when="basis=cpdi2 dimension=2|3")
+    call add(t, n, g, "cpdi2_deformation", kind_word, "F by deformation_update from the velocity gradient, or (with usl) from the "// &
+             "corners of the domain and those of its reference shape", words="incremental total", default="incremental", &
+             when="basis=cpdi2")
     call add(t, n, g, "transfer", kind_word, "how grid velocity comes back to particles", words="flip pic apic tpic mls xpic "// &
              "fmpm", default="?basis linear=flip ddmp=flip *=apic")
     call add(t, n, g, "transfer_order", kind_integer, "terms of the series that approaches the consistent mass: m of XPIC(m), k of "// &
@@ -311,7 +316,7 @@ contains
     call add(t, n, g, "transfer_every", kind_integer, "steps from one such transfer to the next, with FLIP between", range="[1,)", &
              default="1", when=series)
     call add(t, n, g, "position_update", kind_word, "grid: x + dt S v+; new (fmpm): x + dt v'; published: x + dt (v + v')/2 (fmpm), "// &
-             "x + dt (S v + (v' - v)/2) (xpic), of first order", words="grid new published", default="?transfer fmpm=new *=grid", &
+             "x + dt (S v + (v' - v)/2) (xpic), of first order", words="grid new published", default="?basis,transfer cpdi2,*=grid *,fmpm=new *,*=grid", &
              when=series)
     call add(t, n, g, "strain_velocity", kind_word, "velocity that strains come from: lumped, or the series to the same order", &
              words="lumped order_k", default="lumped", when="transfer=fmpm")

@@ -18,7 +18,7 @@ module gimp_engine
   public :: offer_tasks, take_task
   public :: engine_t, law_t, pass_t, spill_t, body_force_t, pad_nodes, pad_edge, drift
   public :: allot_grid, borrow_pads, make_room, pad_bytes, grid_bytes
-  public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, n_sums
+  public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, sum_detached, n_sums
   public :: peak_rate, peak_speed, peak_strain, n_peaks
   public :: motion_none, motion_grid, motion_mean, motion_change
   public :: fate_fine, fate_inverted, fate_outside, fate_lost, fate_jumped
@@ -40,7 +40,7 @@ module gimp_engine
 
   !> Sums of a block over one pass, added in block order afterwards
   integer, parameter :: sum_kinetic = 1, sum_external = 2, sum_plastic = 3, sum_clamped = 4, sum_wide = 5, &
-    sum_impulse = 6, sum_affine = 9, n_sums = 9 !! 6-8: impulse of the forces on particles; 9: energy of their affine part
+    sum_impulse = 6, sum_affine = 9, sum_detached = 10, n_sums = 10 !! 6-8: impulse of the forces on particles; 9: energy of their affine part
   !> Largest values of a block over one pass
   integer, parameter :: peak_rate = 1 !! square of wave speed plus particle speed [m2/s2]
   integer, parameter :: peak_speed = 2 !! squared particle speed [m2/s2]
@@ -111,6 +111,7 @@ module gimp_engine
     type(law_t), allocatable :: laws(:) !! by material
     class(body_force_t), allocatable :: body_force
     integer :: basis = basis_linear
+    logical :: total_deformation = .false. !! F from the corners of the domain, F = sum x_a (x) g_a of the reference shape
     integer :: domain_rule = 0 !! how domains follow the deformation; 0: they do not
     type(point_rule_t) :: rule !! of a basis that samples its domains
     real(wp) :: longest_diagonal = 1.0_wp !! of such a domain [cells]; longer ones are scaled

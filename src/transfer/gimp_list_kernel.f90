@@ -11,7 +11,7 @@ module gimp_list_kernel
   use gimp_engine, only: spill_t, drift, make_room
   implicit none(type, external)
   private
-  public :: wide_nodes, load_wide, gather_list, scatter_list, unload_wide, order_spill, add_spill
+  public :: wide_nodes, load_wide, gather_list, scatter_list, unload_wide, order_spill, add_spill, wide_place
 
 contains
 

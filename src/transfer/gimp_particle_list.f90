@@ -5,6 +5,7 @@ module gimp_particle_list
   use gimp_basis, only: weight_list_t, make_weight_list, basis_linear, basis_cpgimp, basis_ddmp, is_sampled, spline_degree
   use gimp_point_domains, only: place_points_1d, place_points_2d, place_points_3d, make_point_list
   use gimp_dual_domain, only: dual_ends, make_dual_list
+  use gimp_corner_domains, only: carried_none, place_corners_1d, place_corners_2d, place_corners_3d
   use gimp_engine, only: engine_t
   implicit none(type, external)
   private
@@ -45,8 +46,19 @@ contains
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: c, l
     type(weight_list_t), intent(inout) :: list
-    real(wp) :: at(lanes, engine%grid%dim, engine%rule%n), by(lanes, engine%grid%dim, engine%rule%n), share(lanes, engine%rule%n)
+    real(wp) :: volume(lanes), at(lanes, engine%grid%dim, engine%rule%n), by(lanes, engine%grid%dim, engine%rule%n), share(lanes, engine%rule%n)
     associate (p => engine%particles%p(:, :, c), rule => engine%rule, q => engine%particles%domain%first, d => engine%grid%dim)
+      if (rule%carried /= carried_none) then
+        associate (corner => engine%particles%corner%first)
+          select case (d)
+          case (1); call place_corners_1d(rule%carried, rule%n, p(1, corner), at, share, by, volume)
+          case (2); call place_corners_2d(rule%carried, rule%n, p(1, corner), at, share, by, volume)
+          case (3); call place_corners_3d(rule%carried, rule%n, p(1, corner), at, share, by, volume)
+          end select
+        end associate
+        call make_point_list(d, rule%n, .false., at(l, :, :), share(l, :), by(l, :, :), list)
+        return
+      end if
       select case (d)
       case (1); call place_points_1d(rule%n, rule%c, rule%w, rule%q, p(1, 1), p(1, q), at, share, by)
       case (2); call place_points_2d(rule%n, rule%c, rule%w, rule%q, p(1, 1), p(1, q), at, share, by)

@@ -14,7 +14,7 @@ module gimp_resort
   use gimp_particles, only: particles_t, group_t, few_chunks
   use gimp_reorder, only: reorder_particles, reorder_bytes
   use gimp_dual_domain, only: dual_reach
-  use gimp_basis, only: basis_linear, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_gauss, basis_ddmp, narrow_half
+  use gimp_basis, only: basis_linear, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_cpdi2, basis_gauss, basis_ddmp, narrow_half
   use gimp_engine, only: engine_t, allot_grid, borrow_pads
   use omp_lib, only: omp_get_max_threads
   use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
@@ -180,7 +180,7 @@ contains
     real(wp), intent(inout) :: p(lanes, components)
     integer, intent(inout) :: off(lanes, 3)
     integer, intent(out) :: cell(lanes)
-    real(wp) :: half(lanes), x(lanes), edge
+    real(wp) :: half(lanes), x(lanes), back(lanes), edge
     integer :: k, l, stride, wrap, in_edge, q
     cell = 0
     stride = 1
@@ -188,17 +188,19 @@ contains
       in_edge = engine%grid%edge(k)
       edge = in_edge
       x = p(:, k)
+      back = 0.0_wp
       if (engine%grid%periodic(k)) then
         do l = 1, lanes
           wrap = floor(x(l)) + at(k)*in_edge
           wrap = (wrap - modulo(wrap, engine%grid%cells(k)))/engine%grid%cells(k)
-          if (wrap /= 0) x(l) = x(l) - wrap*engine%grid%cells(k)
+          if (wrap /= 0) back(l) = wrap*engine%grid%cells(k)
+          if (wrap /= 0) x(l) = x(l) - back(l)
         end do
       end if
       select case (engine%basis)
       case (basis_linear)
         half = 0.0_wp
-      case (basis_cpdi, basis_gauss) ! their pads have room for so much on all sides
+      case (basis_cpdi, basis_cpdi2, basis_gauss) ! their pads have room for so much on all sides
         half = narrow_half
       case (basis_ddmp)
         half = dual_reach
@@ -221,9 +223,24 @@ contains
         cell(l) = cell(l) + stride*min(in_edge - 1, max(0, floor(x(l) - half(l))))
       end do
       p(:, k) = x
+      call shift_corners(engine, k, back + off(:, k)*edge, components, p)
       stride = stride*in_edge
     end do
   end subroutine shift_chunk
+
+  !> Corners of domains go with their particle: whole cells, which is exact
+  pure subroutine shift_corners(engine, k, back, components, p)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: k, components !! k: axis
+    real(wp), intent(in) :: back(lanes) !! [cells]
+    real(wp), intent(inout) :: p(lanes, components)
+    integer :: q
+    associate (corner => engine%particles%corner)
+      do q = corner%first + k - 1, corner%first + corner%components - 1, engine%grid%dim
+        p(:, q) = p(:, q) - back
+      end do
+    end associate
+  end subroutine shift_corners
 
   !> Number the blocks of all parts in the order of their keys
   subroutine number_blocks(parts, block_at)

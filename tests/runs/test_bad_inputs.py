@@ -53,6 +53,13 @@ def prepare(name, folder):
         write_particles(folder / "particles.h5", position=[[0.5, 0.5]], volume=[0.01], mass=[10.0], half_length=[[0.05, 0.0]])
     elif name == "particle_of_file_not_a_number":
         write_particles(folder / "particles.h5", position=[[0.5, 0.5]], volume=[0.01], mass=[10.0], velocity=[[float("nan"), 0.0]])
+    elif name.startswith("corners_of_file"):
+        corner = {"corners_of_file_crossed": [[.4, .4, .6, .4, .6, .6, .4, .6], [.4, .4, .6, .4, .4, .6, .6, .6]],
+                  "corners_of_file_far": [[.4, .4, .42, .4, .42, .9, .4, .9]]*2,
+                  "corners_of_file_missing": []}.get(name, [[.4, .4, .6, .4, .6, .6, .4, .6]]*2)
+        volume = 0.1 if name.endswith("large") else 0.01 if name.endswith("far") else 0.04
+        write_particles(folder / "particles.h5", position=[[0.5, 0.5]]*2, volume=[volume]*2, mass=[10.0]*2,
+                        **({"corner": corner} if corner else {}))
     elif name == "output_not_writable":
         (folder / "locked").mkdir()
         (folder / "locked").chmod(0o555)

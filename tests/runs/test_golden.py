@@ -18,7 +18,7 @@ from conftest import REPOSITORY
 GOLDEN = REPOSITORY / "tests" / "data" / "golden"
 STEPS = (0, 1, 10, 40)
 BASES = {"linear": "linear", "ugimp": "ugimp", "cpgimp": "cpgimp", "cpgimpU": "cpgimp", "bs2": "bspline2", "bs3": "bspline3",
-         "bs2u": "bspline2", "bs3u": "bspline3", "cpdi": "cpdi", "gauss": "gauss_gimp", "ddmp": "ddmp"}
+         "bs2u": "bspline2", "bs3u": "bspline3", "cpdi": "cpdi", "gauss": "gauss_gimp", "ddmp": "ddmp", "cpdi2": "cpdi2"}
 MATERIALS = {
     "nh": {"model": "neo_hookean"},
     "hw": {"model": "linear_elastic", "rate": "hughes_winget", "rate_form": "plain"},
@@ -134,7 +134,7 @@ def scene(golden):
     quadrature = f"domain_limit = 2.0 quadrature = '{form}' "
     if form in ("surface", "volume"):
         quadrature += f"quadrature_points = {points} "
-    domain = {"cpdi": "domain_limit = 2.0 ", "ddmp": "ddmp_alpha = 1.0 ", "gauss": quadrature, "cpgimp": "domain = 'diagonal' ", "cpgimpU": "domain = 'stretch' ", "bs2": "spline_boundary = 'open' ",
+    domain = {"cpdi": "domain_limit = 2.0 ", "ddmp": "ddmp_alpha = 1.0 ", "cpdi2": "cpdi2_deformation = 'incremental' ", "gauss": quadrature, "cpgimp": "domain = 'diagonal' ", "cpgimpU": "domain = 'stretch' ", "bs2": "spline_boundary = 'open' ",
               "bs3": "spline_boundary = 'open' ", "bs2u": "spline_boundary = 'ghost' ",
               "bs3u": "spline_boundary = 'ghost' "}.get(golden.basis, "")
     anti_locking = "".join(f"anti_locking = '{word}' " for key, word in ANTI_LOCKING.items() if golden.options.get(key))
@@ -162,7 +162,7 @@ def test_files_are_known():
         "d2_ugimp_musl_nh_stick", "d2_ugimp_usl_nh_apic", "d2_ugimp_musl_nh_tpic", "d2_cpgimpU_musl_nh_apicmix",
         "d2_ugimp_usl_hwsym", "d2_ugimp_usl_henckyvm", "d3_linear_usl_nh", "d1_bs2_usl_nh", "d1_bs3_usl_nh",
         "d1_bs2u_usl_nh", "d1_bs3u_usl_nh", "d1_cpdi_usl_nh", "d2_cpdi_usl_nh", "d1_ddmp_usl_nh", "d2_gauss2surface_musl_nh",
-        "d2_gauss3simpson_musl_nh", "d2_ugimp_usl_nh_fbar", "d2_ugimp_musl_nh_fmpm2", "d2_ugimp_usl_nh_xpic2"}
+        "d2_gauss3simpson_musl_nh", "d2_ugimp_usl_nh_fbar", "d2_ugimp_musl_nh_fmpm2", "d2_ugimp_usl_nh_xpic2", "d3_cpdi2_usl_nh"}
 
 
 @pytest.mark.parametrize("kernel", ["auto", "list"])

@@ -42,6 +42,8 @@ BASES = {
     "cpdi": {"basis": "cpdi"},
     "cpgimp total": {"basis": "cpgimp", "formulation": "total"},
     "ddmp": {"basis": "ddmp"},
+    "cpdi2": {"basis": "cpdi2"},
+    "cpdi2 simplex": {"basis": "cpdi2", "particle_domain": "simplex"},
     "gauss simpson": {"basis": "gauss_gimp", "quadrature": "simpson"},
     "gauss surface": {"basis": "gauss_gimp", "quadrature": "surface"},
     "gauss volume": {"basis": "gauss_gimp", "quadrature": "volume"},
@@ -73,6 +75,8 @@ def collision(dimension, basis, transfer, scheme, **more):
         "v_ball": (-2.0, -0.5, 0.1), "zero": (0.0,)*3, "one": (1.0,)*3}.items()}
     gravity = ", ".join(["0.0"]*(dimension - 1) + ["-9.81"])
     chosen = {**BASES[basis], **TRANSFERS[transfer], "stress_update": scheme, **more}
+    if dimension == 1:
+        chosen.pop("particle_domain", None)  # intervals are all there is
     method = " ".join(f'{key} = "{word}"' if isinstance(word, str) else f"{key} = {word}" for key, word in chosen.items())
     return f"""&scene dimension = {dimension} /
 &grid lower = {first["zero"]} upper = {first["one"]} spacing = {1.0/(64, 32, 16)[dimension - 1]} /

@@ -5,6 +5,7 @@ module gimp_engine_fixture
   use gimp_particles, only: add_field, allot_chunks, clear_chunks, group_t
   use gimp_basis, only: basis_linear, basis_cpgimp, is_sampled
   use gimp_point_domains, only: point_rule_t, corner_rule
+  use gimp_corner_domains, only: carried_none, carried_box
   use gimp_engine, only: engine_t, anti_f_bar, anti_b_bar
   use gimp_neo_hookean, only: neo_hookean_t
   use gimp_pads, only: sum_pads, add_spills
@@ -146,6 +147,10 @@ contains
         call add_field(p, "domain", dim*dim, p%domain)
         engine%rule = corner_rule(dim)
         if (present(rule)) engine%rule = rule
+        if (engine%rule%carried /= carried_none) then
+          call add_field(p, "corner", dim*engine%rule%n, p%corner)
+          call add_field(p, "detached", 1, p%detached)
+        end if
       end if
       if (present(with_force)) then
         if (with_force) call add_field(p, "force", dim, p%force)
@@ -190,6 +195,7 @@ contains
           if (p%half_length%first > 0) call set_field(p%half_length%first, cloud%half0(:dim, i))
           if (basis == basis_cpgimp) call set_field(p%domain%first, cloud%half(:dim, i))
           if (is_sampled(basis)) call set_field(p%domain%first, [(cloud%f(k:3*dim:3, i)*cloud%half0(k, i), k=1, dim)])
+          if (p%corner%first > 0) call set_field(p%corner%first, distorted_domain(i))
           if (p%force%first > 0) call set_field(p%force%first, cloud%force(:dim, i))
           if (p%faces%first > 0) call set_field(p%faces%first, [cloud%faces(i)])
         end do
@@ -197,6 +203,28 @@ contains
     end associate
 
   contains
+
+    !> Corners of the domain F half0 around a particle, each pushed aside by up to a fifth of the half lengths
+    function distorted_domain(i) result(corner)
+      integer, intent(in) :: i
+      real(wp) :: corner(dim*engine%rule%n), place(3), noise(3)
+      integer :: a, q, seed
+      seed = 1 + i
+      do a = 1, engine%rule%n
+        if (engine%rule%carried == carried_box) then
+          place = [(merge(1.0_wp, -1.0_wp, btest(a - 1, q - 1)), q=1, 3)]
+        else
+          place = merge(1.5_wp, -0.5_wp, [(q == a - 1, q=1, 3)])
+        end if
+        do q = 1, 3
+          call random_reals(seed, noise)
+        end do
+        place = (place + 0.2_wp*noise)*cloud%half0(:, i)
+        do q = 1, dim
+          corner(dim*(a - 1) + q) = cloud%x(q, i) + dot_product(cloud%f(3*(q - 1) + 1:3*(q - 1) + dim, i), place(:dim))
+        end do
+      end do
+    end function distorted_domain
 
     subroutine set_field(first, values)
       integer, intent(in) :: first

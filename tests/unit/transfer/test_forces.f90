@@ -2,8 +2,9 @@
 program test_forces
   use gimp_kinds, only: wp, lanes
   use gimp_grid, only: nodes_per_block
-  use gimp_basis, only: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_gauss, spline_degree
+  use gimp_basis, only: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_gauss, basis_cpdi2, spline_degree
   use gimp_point_domains, only: point_rule_t, corner_rule, simpson_rule, surface_rule, volume_rule
+  use gimp_corner_domains, only: carried_none, carried_box, carried_simplex, corners_of, place_corners_1d, place_corners_2d, place_corners_3d
   use gimp_engine, only: engine_t, pass_t, fate_fine
   use gimp_particle_pass, only: particle_pass
   use gimp_resort, only: sort_particles
@@ -33,6 +34,10 @@ program test_forces
     call test_adjoint(dim, basis_gauss, 0.05_wp, 0.5_wp, rule=simpson_rule(dim))
     call test_adjoint(dim, basis_gauss, 0.05_wp, 0.5_wp, rule=surface_rule(dim, 2))
     call test_adjoint(dim, basis_gauss, 0.05_wp, 0.5_wp, rule=volume_rule(dim, 3))
+    call test_adjoint(dim, basis_cpdi2, 0.05_wp, 0.5_wp, rule=point_rule_t(n=corners_of(carried_box, dim), carried=carried_box))
+    call test_adjoint(dim, basis_cpdi2, 0.05_wp, 1.1_wp, rule=point_rule_t(n=corners_of(carried_box, dim), carried=carried_box))
+    if (dim > 1) call test_adjoint(dim, basis_cpdi2, 0.05_wp, 0.5_wp, &
+                                   rule=point_rule_t(n=corners_of(carried_simplex, dim), carried=carried_simplex))
   end do
   do per_cell = 1, 4
     call test_stretched_bar(per_cell)
@@ -76,6 +81,7 @@ contains
     call particle_pass(engine, pass_t(strain=.true., dt_strain=1.0_wp))
     call check_true(all(engine%fate(1, :) == fate_fine), "no particle is inverted")
     call read_cloud(engine, after)
+    if (engine%rule%carried /= carried_none) call take_volumes(engine, cloud)
     power = 0.0_wp
     scale = 0.0_wp
     state = 0.0_wp
@@ -95,6 +101,32 @@ contains
                //", half lengths to "//text_of(long))
     call check_true(abs(power) > 1.0e-4_wp*scale, "and is no zero")
   end subroutine test_adjoint
+
+  !> The reference volumes that would give the present volumes of domains whose corners move with the grid: those their forces take
+  subroutine take_volumes(engine, cloud)
+    type(engine_t), intent(in) :: engine
+    type(cloud_t), intent(inout) :: cloud
+    real(wp) :: at(lanes, engine%grid%dim, engine%rule%n), by(lanes, engine%grid%dim, engine%rule%n), share(lanes, engine%rule%n)
+    real(wp) :: volume(lanes), f(3, 3)
+    integer :: c, l, i
+    associate (p => engine%particles, rule => engine%rule)
+      do c = 1, p%chunks
+        select case (engine%grid%dim)
+        case (1); call place_corners_1d(rule%carried, rule%n, p%p(1, p%corner%first, c), at, share, by, volume)
+        case (2); call place_corners_2d(rule%carried, rule%n, p%p(1, p%corner%first, c), at, share, by, volume)
+        case (3); call place_corners_3d(rule%carried, rule%n, p%p(1, p%corner%first, c), at, share, by, volume)
+        end select
+        do l = 1, lanes
+          if (p%id(l, c) == 0) cycle
+          i = int(p%id(l, c))
+          f = square(cloud%f(:, i))
+          cloud%volume(i) = volume(l)*real(engine%grid%spacing, wp)**engine%grid%dim &
+                            /(f(1, 1)*(f(2, 2)*f(3, 3) - f(2, 3)*f(3, 2)) - f(1, 2)*(f(2, 1)*f(3, 3) - f(2, 3)*f(3, 1)) &
+                              + f(1, 3)*(f(2, 1)*f(3, 2) - f(2, 2)*f(3, 1)))
+        end do
+      end do
+    end associate
+  end subroutine take_volumes
 
   pure function square(values) result(matrix)
     real(wp), intent(in) :: values(9)
