@@ -207,8 +207,10 @@ contains
     !> Corners of the domain F half0 around a particle, each pushed aside by up to a fifth of the half lengths
     function distorted_domain(i) result(corner)
       integer, intent(in) :: i
-      real(wp) :: corner(dim*engine%rule%n), place(3), noise(3)
+      real(wp), allocatable :: corner(:)
+      real(wp) :: place(3), noise(3)
       integer :: a, q, seed
+      allocate (corner(dim*engine%rule%n))
       seed = 1 + i
       do a = 1, engine%rule%n
         if (engine%rule%carried == carried_box) then

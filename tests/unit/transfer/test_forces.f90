@@ -112,9 +112,9 @@ contains
     associate (p => engine%particles, rule => engine%rule)
       do c = 1, p%chunks
         select case (engine%grid%dim)
-        case (1); call place_corners_1d(rule%carried, rule%n, p%p(1, p%corner%first, c), at, share, by, volume)
-        case (2); call place_corners_2d(rule%carried, rule%n, p%p(1, p%corner%first, c), at, share, by, volume)
-        case (3); call place_corners_3d(rule%carried, rule%n, p%p(1, p%corner%first, c), at, share, by, volume)
+        case (1); call place_corners_1d(rule%carried, rule%n, p%p(:, p%corner%first:p%corner%first + engine%grid%dim*rule%n - 1, c), at, share, by, volume)
+        case (2); call place_corners_2d(rule%carried, rule%n, p%p(:, p%corner%first:p%corner%first + engine%grid%dim*rule%n - 1, c), at, share, by, volume)
+        case (3); call place_corners_3d(rule%carried, rule%n, p%p(:, p%corner%first:p%corner%first + engine%grid%dim*rule%n - 1, c), at, share, by, volume)
         end select
         do l = 1, lanes
           if (p%id(l, c) == 0) cycle
