@@ -77,6 +77,8 @@ def collision(dimension, basis, transfer, scheme, **more):
     chosen = {**BASES[basis], **TRANSFERS[transfer], "stress_update": scheme, **more}
     if dimension == 1:
         chosen.pop("particle_domain", None)  # intervals are all there is
+    if basis.startswith("cpdi2") and "position_update" in chosen:
+        chosen["position_update"] = "grid"  # all that corners can follow
     method = " ".join(f'{key} = "{word}"' if isinstance(word, str) else f"{key} = {word}" for key, word in chosen.items())
     return f"""&scene dimension = {dimension} /
 &grid lower = {first["zero"]} upper = {first["one"]} spacing = {1.0/(64, 32, 16)[dimension - 1]} /
