@@ -2,10 +2,10 @@
 
 What a hard case asks stands in the comment at the head of its scene, in lines of the form
 
-    ! hard: COLUMN last|mean|max, answer NUMBER|first, scale NUMBER|first
+    ! hard: COLUMN last|mean|max|fall, answer NUMBER|first, scale NUMBER|first
     ! hard: refused, "part of the message"
 
-COLUMN is one of /history; mean is over time, `first` the value of its first row. The error of a run is |value - answer|/scale; of
+COLUMN is one of /history; mean is over time, fall from its first row to its last, `first` the value of its first row. The error of a run is |value - answer|/scale; of
 several lines the largest counts. A scene that must be refused is one that no method may run.
 """
 import math
@@ -61,10 +61,12 @@ class Case:
 
 
 def statistic(name, column, time):
-    if name == "last" or len(column) < 2:
+    if name == "last":
         return column[-1]
     if name == "max":
         return column.max()
+    if name == "fall":
+        return column[0] - column[-1]
     return float(((column[1:] + column[:-1])/2*np.diff(time)).sum()/(time[-1] - time[0]))
 
 
@@ -72,11 +74,11 @@ def read_case(path):
     """A case from its scene; a GimpError where it does not say what it asks"""
     text = gf.read_scene(path)
     number = r"([-+\d.eE]+|first)"
-    asked = re.findall(rf"^! hard: (\w+) (last|mean|max), answer {number}, scale {number}$", text, re.MULTILINE)
+    asked = re.findall(rf"^! hard: (\w+) (last|mean|max|fall), answer {number}, scale {number}$", text, re.MULTILINE)
     questions = tuple(Question(*words) for words in asked)
     message = re.search(r'^! hard: refused, "(.*)"$', text, re.MULTILINE)
     if len(questions) + bool(message) != len(re.findall(r"^! hard:", text, re.MULTILINE)) or bool(questions) == bool(message):
-        raise gf.GimpError(f"{path}: must say what it asks, in lines '! hard: COLUMN last|mean|max, answer .., scale ..' "
+        raise gf.GimpError(f"{path}: must say what it asks, in lines '! hard: COLUMN last|mean|max|fall, answer .., scale ..' "
                            "or one '! hard: refused, \"..\"'")
     return Case(Path(path).stem, text, questions, message.group(1) if message else "")
 

@@ -82,7 +82,9 @@ def test_a_case_that_asks_nothing_sensible(text, message, tmp_path):
 
 def test_statistics():
     time = np.array([0.0, 1.0, 4.0])
-    assert st.statistic("mean", np.array([0.0, 2.0, 4.0]), time) == pytest.approx(10/4)  # over time, not over rows
+    column = np.array([0.0, 2.0, 4.0])
+    assert st.statistic("mean", column, time) == pytest.approx(10/4)  # over time, not over rows
+    assert st.statistic("fall", -column, time) == 4.0 and st.statistic("max", -column, time) == 0.0
     question = st.Question("a", "last", "first", "first")
     assert question.error({"a": np.array([4.0, 0.0, 3.0]), "time": time}) == 0.25
     assert math.isnan(question.error({"time": time}))
