@@ -15,7 +15,7 @@ module gimp_populate
   use gimp_verification, only: verification_t, exact_motion
   use gimp_measures, only: chunk_reference, chunk_deformation
   use gimp_snapshot, only: needs_reference
-  use gimp_run_state, only: stepper_t, position_published
+  use gimp_run_state, only: stepper_t, position_published, symplectic
   use gimp_engine, only: affine_none
   use gimp_cell_pass, only: evens_strain
   use gimp_material, only: most_states
@@ -308,6 +308,8 @@ contains
         //word_of(scene, "method", 1, "anti_locking"))
       if (s%method%position == position_published) call add_field(p, "motion", d, p%motion, &
         "position_update = published")
+      if (s%method%integrator /= symplectic) call add_field(p, "acceleration", d, p%acceleration, &
+        "integrator = "//word_of(scene, "method", 1, "integrator"))
       if (reference) call add_field(p, "reference", d, p%reference, "verification or displacement in the output")
       if (allocated(s%engine%body_force)) call add_field(p, "force", d, p%force, "body force of the solution")
       if (face_loads) call add_field(p, "faces", 1, p%faces, "loads on faces")

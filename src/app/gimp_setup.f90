@@ -16,8 +16,9 @@ module gimp_setup
   use gimp_walls, only: walls_t, set_walls, side_of_word, condition_of_word
   use gimp_time_table, only: time_table_t
   use gimp_loads, only: loads_t, load_traction, load_pressure, load_point, most_face_loads
+  use gimp_generalized_alpha, only: bifurcation_limit
   use gimp_run_state, only: stepper_t, scheme_of_word, usl, musl, series_none, series_xpic, series_fmpm, position_grid, &
-    position_published, position_new, damping_none, damping_local, damping_kinetic
+    position_published, position_new, integrator_of_word, symplectic, damping_none, damping_local, damping_kinetic
   use gimp_step_size, only: rule_adaptive, rule_uniform, rule_fixed
   use gimp_stability, only: check_of_word
   use gimp_solution_force, only: solution_force_t
@@ -185,6 +186,7 @@ contains
     call set_up_anti_locking(scene, s, error)
     s%method%cutoff = real(real_of(scene, "method", 1, "mass_cutoff"), wp)
     s%method%half_start = logical_of(scene, "method", 1, "half_step_start")
+    call set_up_integrator(scene, s, error)
     select case (word_of(scene, "method", 1, "damping"))
     case ("local"); s%method%damping = damping_local
     case ("kinetic"); s%method%damping = damping_kinetic
@@ -240,6 +242,27 @@ contains
     if (s%method%strain_by_series .and. s%method%scheme /= usl .and. s%method%scheme /= musl) call complain(error, scene, "method", &
       1, "strain_velocity", "is for stress_update = 'usl' or 'musl', which strain once a step with the new velocity; use 'lumped'")
   end subroutine set_up_series
+
+  !> What steps in time, and what it asks of other keys
+  subroutine set_up_integrator(scene, s, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    type(error_t), allocatable, intent(inout) :: error
+    character(len=:), allocatable :: by
+    s%method%integrator = integrator_of_word(word_of(scene, "method", 1, "integrator"))
+    s%method%spectral_radius = real(real_of(scene, "method", 1, "spectral_radius"), wp)
+    if (s%method%integrator == symplectic) return
+    s%time_options%reach = 0.45_dp*bifurcation_limit(s%method%spectral_radius) ! 0.9 of it; that of leap-frog is 2
+    by = " with integrator = '"//word_of(scene, "method", 1, "integrator")//"'"
+    if (word_of(scene, "method", 1, "transfer") /= "flip") then
+      call complain(error, scene, "method", 1, "transfer", "must be 'flip'"//by)
+    else if (s%method%flip < 1.0_wp) then
+      call complain(error, scene, "method", 1, "flip_fraction", "must be 1"//by//", which adds S (v1 - v) to a velocity")
+    end if
+    if (s%method%scheme /= usl) call complain(error, scene, "method", 1, "stress_update", "must be 'usl'"//by)
+    if (s%method%half_start) call complain(error, scene, "method", 1, "half_step_start", "must be .false."//by// &
+                                           ", whose velocities are those of the end of a step")
+  end subroutine set_up_integrator
 
   !> Moving least squares take w D^-1 (x_i - x_p) for the gradient of a weight: it is one where D is the same for every particle
   subroutine check_least_squares(scene, s, error)
@@ -509,7 +532,7 @@ contains
         if (is_given(scene, "time", 1, "steps")) then
           n = integer_of(scene, "time", 1, "steps")
         else
-          n = max(1, ceiling(t%end*c/(t%courant*s%engine%grid%spacing) - 1.0e-9_dp))
+          n = max(1, ceiling(t%end*c/(t%courant*t%reach*s%engine%grid%spacing) - 1.0e-9_dp))
         end if
         t%step = t%end/n
       case ("fixed")

@@ -305,14 +305,15 @@ contains
     end if
   end subroutine find_nodes
 
-  !> Work of the loads in the step, with the mean of the grid velocity before and after the force (fields 1-3 minus half of
-  !> fields 5-7); call before particles move
-  real(dp) function work_of_loads(loads, engine, slots, g, kick) result(work)
+  !> Work of the loads in the step with the velocity of fields 1-3 minus a share of fields 5-7 (half: the mean before and after
+  !> the force); call before particles move
+  real(dp) function work_of_loads(loads, engine, slots, g, kick, back) result(work)
     type(loads_t), intent(in) :: loads
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: slots
     real(wp), intent(in) :: g(nf, nodes_per_block, slots)
     real(dp), intent(in) :: kick !! step of velocities [s]
+    real(wp), intent(in) :: back !! that share
     real(wp) :: s(most), sign(3, most)
     integer :: q, k, n, slot(most), place(most)
     work = 0.0_dp
@@ -320,7 +321,7 @@ contains
       call find_nodes(engine, slots, g, 0.0_wp, loads%x(:, q), n, slot, place, s, sign)
       do k = 1, n
         work = work + kick*s(k)*sum(sign(:, k)*loads%f(:, q)*(g(1:3, place(k), slot(k)) &
-                                                              - 0.5_wp*g(5:7, place(k), slot(k))))
+                                                              - back*g(5:7, place(k), slot(k))))
       end do
     end do
   end function work_of_loads

@@ -12,12 +12,12 @@ module gimp_nodal_stage
   use gimp_loads, only: gravity_at, collect_loads, add_loads, work_of_loads
   use gimp_nodes, only: update_nodes, node_step_t, stage_full, stage_velocity, stage_kick, stage_project, n_node_sums, &
     book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_cut, book_cut_momentum, &
-    book_reaction, book_pushed, book_impulse, book_held
+    book_reaction, book_pushed, book_impulse, book_held, book_filter
   use gimp_books, only: books_t
   use gimp_run_state, only: stepper_t, flip_now, damping_local, phase_grid
   implicit none(type, external)
   private
-  public :: nodal_stage, collect_pads
+  public :: nodal_stage, collect_pads, remember_images, book_images, book_stage, copy_masses
 
 
 contains
@@ -60,7 +60,7 @@ contains
         call fold_images(engine%images, table%slots, s%raw)
         if (loaded) then
           lost = 0
-          if (stage == stage_full) call copy_masses() ! the kick finds the masses there already
+          if (stage == stage_full) call copy_masses(s) ! the kick finds the masses there already
           call add_loads(s%loads, engine, table%slots, engine%g, s%cutoff_mass, s%raw, lost)
           s%books%lost_loads = s%books%lost_loads + lost
         end if
@@ -73,24 +73,13 @@ contains
         call copy_images(engine%images, table%slots, engine%g)
       end if
       if (loaded) s%books%impulse = s%books%impulse + kick*sum(s%loads%f(:, :s%loads%n), dim=2)
-      if (loaded) s%books%work_external = s%books%work_external + work_of_loads(s%loads, engine, table%slots, engine%g, kick)
+      if (loaded) s%books%work_external = s%books%work_external + work_of_loads(s%loads, engine, table%slots, engine%g, kick, 0.5_wp)
     end associate
     call column_sums(part, sums)
     sums(book_given) = sums(book_given) + s%sums(sum_affine) ! not a field of the nodes
     call book_stage(s%books, stage, kick, 1.0_dp - flip_now(s), sums)
     if (has_images(s%engine%grid) .and. (stage == stage_full .or. stage == stage_kick)) call book_images(s, kick)
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
-
-  contains
-
-    subroutine copy_masses()
-      integer :: k
-      !$omp parallel do schedule(static) if(s%engine%table%slots > few_blocks)
-      do k = 1, s%engine%table%slots
-        s%engine%g(node_mass, :, k) = s%raw(node_mass, :, k)
-      end do
-      !$omp end parallel do
-    end subroutine copy_masses
 
   end subroutine nodal_stage
 
@@ -111,6 +100,17 @@ contains
       call add_spills(s%engine, slots, s%raw)
     end associate
   end subroutine collect_pads
+
+  !> Nodes find their masses, which loads ask for before the update
+  subroutine copy_masses(s)
+    type(stepper_t), intent(inout) :: s
+    integer :: k
+    !$omp parallel do schedule(static) if(s%engine%table%slots > few_blocks)
+    do k = 1, s%engine%table%slots
+      s%engine%g(node_mass, :, k) = s%raw(node_mass, :, k)
+    end do
+    !$omp end parallel do
+  end subroutine copy_masses
 
   !> Keep what images were given: momentum and mass from the first stage of a step, forces from the one that has them
   subroutine remember_images(s, stage)
@@ -169,6 +169,7 @@ contains
       books%work_gravity = sums(book_gravity)
       books%work_walls = sums(book_walls)
       books%work_damping = sums(book_damping)
+      books%work_filter = sums(book_filter)
       books%reaction = books%reaction + sums(book_reaction:book_reaction + 2)/kick
       books%impulse = books%impulse + sums(book_reaction:book_reaction + 2) + sums(book_impulse:book_impulse + 2)
     end if

@@ -83,8 +83,10 @@ contains
       if (pass%strain) s%strain_rate = sqrt(maxval(engine%peaks(peak_strain, :)))
       call column_sums(engine%sums, s%sums)
       s%books%plastic = s%books%plastic + s%sums(sum_plastic)
-      s%books%work_external = s%books%work_external + s%sums(sum_external)
-      s%books%impulse = s%books%impulse + s%sums(sum_impulse:sum_impulse + 2)
+      if (.not. pass%own_kick) then ! such passes tell powers, which their integrator books
+        s%books%work_external = s%books%work_external + s%sums(sum_external)
+        s%books%impulse = s%books%impulse + s%sums(sum_impulse:sum_impulse + 2)
+      end if
       s%books%clamped = s%books%clamped + nint(s%sums(sum_clamped), i8)
       s%books%detached = s%books%detached + nint(s%sums(sum_detached), i8)
       s%books%wide_chunks = s%books%wide_chunks + nint(s%sums(sum_wide), i8)

@@ -18,10 +18,12 @@ module gimp_run_state
   private
   public :: stepper_t, method_t, carry_stepper, stepper_bytes, set_bounds, find_held, kinetic_given, momentum_of, weigh
   public :: in_series, flip_now, series_none, series_xpic, series_fmpm, position_grid, position_published, position_new
+  public :: symplectic, generalized_alpha, newmark, integrator_of_word
   public :: usf, usl, musl, usavg, scheme_of_word, damping_none, damping_local, damping_kinetic
   public :: phase_grid, phase_particles, phase_sort, phase_checks, n_phases
 
   integer, parameter :: usf = 1, usl = 2, musl = 3, usavg = 4
+  integer, parameter :: symplectic = 1, generalized_alpha = 2, newmark = 3
   integer, parameter :: damping_none = 0, damping_local = 1, damping_kinetic = 2
   integer, parameter :: series_none = 0, series_xpic = 1, series_fmpm = 2
   integer, parameter :: position_grid = 1 !! x' = x + dt S v+
@@ -32,6 +34,9 @@ module gimp_run_state
 
   !> How a step is taken
   type :: method_t
+    integer :: integrator = symplectic
+    real(wp) :: spectral_radius = 0.8_wp !! generalised alpha: at the bifurcation
+    real(wp) :: newmark_gamma = 0.5_wp
     integer :: scheme = musl
     real(wp) :: flip = 1.0_wp !! share of FLIP in the velocity transfer; 0 is PIC
     real(wp) :: cutoff = 1.0e-12_wp !! mass cut-off, in units of the largest particle mass
@@ -70,6 +75,7 @@ module gimp_run_state
     ! for this room only
     logical, allocatable :: held(:) !! (slot) touched by a side of the box
     real(wp), allocatable :: raw(:, :, :) !! sums of pads, when images, loads or spills need them all at once
+    real(wp), allocatable :: memory(:, :, :) !! a second such array: generalised alpha knows two accelerations of a node
     real(wp), allocatable :: at_images(:, :) !! (field, image) given to images before they were folded
     real(wp), allocatable :: star(:, :, :) !! (axis, node of block, slot) series of XPIC and FMPM so far [m/s]
     real(dp), allocatable :: star_impulse(:, :) !! (2 axes, slot) what a term of it loses to cut nodes and gets from sides [kg m/s]
@@ -110,6 +116,17 @@ contains
     flip_now = s%method%flip
     if (in_series(s)) flip_now = 0.0_wp
   end function flip_now
+
+  !> Number of an integrator from its word, 0 for none
+  pure integer function integrator_of_word(word) result(integrator)
+    character(len=*), intent(in) :: word
+    select case (word)
+    case ("symplectic"); integrator = symplectic
+    case ("generalized_alpha"); integrator = generalized_alpha
+    case ("newmark"); integrator = newmark
+    case default; integrator = 0
+    end select
+  end function integrator_of_word
 
   !> Bytes in use: the engine's, and those of the state that steps may be redone from
   pure integer(i8) function stepper_bytes(s)

@@ -22,6 +22,7 @@ module gimp_step_size
     real(dp) :: end = 0.0_dp !! [s]
     integer :: rule = rule_adaptive
     real(dp) :: courant = 0.4_dp
+    real(dp) :: reach = 1.0_dp !! step of Courant number 1 as a share of h/(c + |v|): the integrator's own limit
     real(dp) :: step = 0.0_dp !! prescribed step [s]
     real(dp) :: growth = 1.05_dp !! largest ratio of a step to the one before
     real(dp) :: smallest = 0.0_dp !! below: the run has failed [s]
@@ -62,7 +63,7 @@ contains
       limit = limit_prescribed
       return
     end if
-    dt = options%courant*spacing/max(rate, tiny(1.0_dp))
+    dt = options%courant*options%reach*spacing/max(rate, tiny(1.0_dp))
     limit = limit_courant
     if (speed*dt > most_displacement*spacing) then
       dt = most_displacement*spacing/speed

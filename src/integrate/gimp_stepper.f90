@@ -1,6 +1,6 @@
 !> One explicit step, written as the papers write it: a short list of passes over the particles with the nodal equations
 !> between them. USL (Sulsky, Chen & Schreyer 1994), MUSL (Sulsky, Zhou & Schreyer 1995), USF and USAVG (Bardenhagen 2002,
-!> Nairn 2003), all with the symplectic (leap-frog) step.
+!> Nairn 2003), all with the symplectic (leap-frog) step; beside them the integrators of gimp_generalized_alpha.
 module gimp_stepper
   use gimp_kinds, only: wp, dp, i8
   use gimp_error, only: error_t, raise
@@ -16,7 +16,8 @@ module gimp_stepper
   use gimp_saved_state, only: save_particles
   use gimp_stability, only: critical_step, check_none, strains_plain, strains_after_kick, strains_smoothed
   use gimp_series, only: note_series, smooth_velocity, smooth_strain
-  use gimp_run_state, only: stepper_t, flip_now, series_none, usf, usl, musl, usavg, damping_kinetic, phase_checks, set_bounds, find_held, kinetic_given, &
+  use gimp_generalized_alpha, only: alpha_stage, mapped_limit
+  use gimp_run_state, only: stepper_t, symplectic, generalized_alpha, flip_now, series_none, usf, usl, musl, usavg, damping_kinetic, phase_checks, set_bounds, find_held, kinetic_given, &
     momentum_of, weigh
   use gimp_particle_stage, only: run_pass, give_pass, resort
   use gimp_nodal_stage, only: nodal_stage
@@ -94,7 +95,10 @@ contains
     integer :: strains
     start = seconds_now()
     factor = 1.0_wp
-    if (s%method%scheme == usl) then
+    if (s%method%integrator == generalized_alpha) then
+      strains = strains_plain
+      factor = (2.0_wp/mapped_limit(s%method%spectral_radius))**2
+    else if (s%method%scheme == usl) then
       strains = strains_after_kick
     else if (s%engine%affine /= affine_none .or. s%method%series /= series_none) then
       strains = strains_plain
@@ -144,6 +148,7 @@ contains
 
     kick = s%kick_before + 0.5_dp*s%dt
     if (s%step == 0 .and. .not. s%method%half_start) kick = s%dt
+    if (s%method%integrator /= symplectic) kick = s%dt ! its velocities are those of the end of the step
     s%books%work_external = 0.0_dp
     s%removed_kinetic = 0.0_dp
     call move_walls(s%walls, s%time + 0.5_dp*s%dt)
@@ -152,7 +157,11 @@ contains
     last = first
     last%time = s%time + s%dt
 
-    select case (s%method%scheme)
+    select case (merge(s%method%scheme, -s%method%integrator, s%method%integrator == symplectic))
+    case (-generalized_alpha)
+      call alpha_stage(s, error)
+      if (allocated(error)) return
+      last%velocity = .true.; last%position = .true.; last%strain = .true.; last%back = 0.0_wp
     case (usl)
       call nodal_stage(s, stage_full, kick)
       call smooth_velocity(s, kick, error)

@@ -37,7 +37,7 @@ module gimp_scene_keys
     character(len=8) :: unit = ""
     !> Values with commas between; empty: none; "?key,key word,word=value ..." by the values of other keys, * any ("dimension" is the
     !> scene's); "(words)" explains a default that only the program can work out
-    character(len=96) :: default = ""
+    character(len=128) :: default = ""
     logical :: empty_default = .false. !! the default is the empty text
     character(len=16) :: range = "" !! "(0,1]": round brackets exclude the end; an end may be left out
     character(len=208) :: words = "" !! allowed words, blank between
@@ -310,7 +310,7 @@ contains
              "corners of the domain and those of its reference shape", words="incremental total", default="incremental", &
              when="basis=cpdi2")
     call add(t, n, g, "transfer", kind_word, "how grid velocity comes back to particles", words="flip pic apic tpic mls xpic "// &
-             "fmpm", default="?basis linear=flip ddmp=flip *=apic")
+             "fmpm", default="?integrator,basis symplectic,linear=flip symplectic,ddmp=flip symplectic,*=apic *,*=flip")
     call add(t, n, g, "transfer_order", kind_integer, "terms of the series that approaches the consistent mass: m of XPIC(m), k of "// &
              "FMPM(k); 1 is PIC, each further one costs a pass", range="[1,)", default="2", when=series)
     call add(t, n, g, "transfer_every", kind_integer, "steps from one such transfer to the next, with FLIP between", range="[1,)", &
@@ -321,11 +321,14 @@ contains
     call add(t, n, g, "strain_velocity", kind_word, "velocity that strains come from: lumped, or the series to the same order", &
              words="lumped order_k", default="lumped", when="transfer=fmpm")
     call add(t, n, g, "flip_fraction", kind_real, "q in v' = S v+ + q (v - S v): the share of FLIP", range="[0,1]", &
-             default="?transfer,basis flip,linear=0.995 flip,ddmp=0.995 flip,*=1 *,*=0.95", when="transfer=flip|apic|tpic|mls")
+             default="?integrator,transfer,basis symplectic,flip,linear=0.995 symplectic,flip,ddmp=0.995 *,flip,*=1 *,*,*=0.95", &
+             when="transfer=flip|apic|tpic|mls")
     call add(t, n, g, "stress_update", kind_word, "where in the step stress is updated", words="usf usl musl usavg", &
-             default="musl")
-    call add(t, n, g, "integrator", kind_word, "time integrator", words="symplectic", default="symplectic", &
-             planned="generalized_alpha newmark implicit")
+             default="?integrator symplectic=musl *=usl")
+    call add(t, n, g, "integrator", kind_word, "time integrator", words="symplectic generalized_alpha", default="symplectic", &
+             planned="newmark implicit")
+    call add(t, n, g, "spectral_radius", kind_real, "what a step leaves of the shortest waves; 1: no damping", range="[0,1]", &
+             default="0.8", when="integrator=generalized_alpha")
     call add(t, n, g, "formulation", kind_word, "updated: weights at present places; total: at those of the start, for bodies that "// &
              "start undeformed and touch nothing", words="updated total", default="updated")
     call add(t, n, g, "deformation_update", kind_word, "update of F from the velocity gradient", &
@@ -334,7 +337,7 @@ contains
              "alone, or in the force too; cell_stress: the force takes the mean stress", &
              words="none f_bar b_bar cell_stress", default="none")
     call add(t, n, g, "half_step_start", kind_logical, "first velocity update is half a step, as leap-frog wants it", &
-             default=".true.")
+             default="?integrator symplectic=.true. *=.false.")
     call add(t, n, g, "mass_cutoff", kind_real, "nodes below this share of the largest particle mass are left out", &
              range="[0,1)", default="1e-12")
     call add(t, n, g, "kernel", kind_word, "auto: the fast kernels; list: the plain reference kernel everywhere", &
@@ -353,7 +356,8 @@ contains
     call add(t, n, g, "end", kind_real, "the run ends at this time", unit="s", range="(0,)", required=.true.)
     call add(t, n, g, "step_rule", kind_word, "adaptive: from the state; uniform: equal steps, from the initial wave speed; "// &
              "fixed: step", words="adaptive uniform fixed", default="adaptive")
-    call add(t, n, g, "courant", kind_real, "Courant number", range="(0,1]", default="0.4", &
+    call add(t, n, g, "courant", kind_real, "Courant number; 1 is the step h/(c + |v|), with other integrators than "// &
+             "symplectic 0.9 of what their own limit allows of it", range="(0,1]", default="0.4", &
              when="step_rule=adaptive|uniform", unless="steps")
     call add(t, n, g, "step", kind_real, "length of a step", unit="s", range="(0,)", required=.true., when="step_rule=fixed")
     call add(t, n, g, "steps", kind_integer, "number of equal steps, in place of courant", range="[1,)", &

@@ -95,10 +95,14 @@ module gimp_engine
     integer :: replaced_by = 0 !! v' = S of the velocity from this field on (1 or 5), in place of the formula above
     logical :: moved_by_particle = .false. !! x' = x + dt V, V the particle's `motion` if it has one, else its new velocity
     integer :: motion = motion_none
+    logical :: acceleration = .false. !! a' = S of fields 1-3, kept by the particle
+    logical :: own_kick = .false. !! v' = v + kick a' with the acceleration that the particle keeps
+    logical :: inertia = .false. !! give mass times that acceleration in the place of forces
     real(wp) :: dt = 0.0_wp !! step of positions [s]
     real(wp) :: dt_strain = 0.0_wp !! step of strains [s]
     real(wp) :: kick = 0.0_wp !! step of velocities [s]: the half-step start and changing steps make it differ
     real(wp) :: flip = 1.0_wp !! q: 1 FLIP, 0 PIC
+    real(wp) :: back = 0.5_wp !! share of fields 5-7 that leads from fields 1-3 back to the velocity with which forces do work
     real(dp) :: time = 0.0_dp !! at which given forces act [s]
   end type pass_t
 

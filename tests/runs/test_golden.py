@@ -28,6 +28,7 @@ MATERIALS = {
 }
 TRANSFERS = ("apic", "tpic", "xpic", "fmpm")  # beside flip; `mix` is the share q of the old velocity
 ANTI_LOCKING = {"fbar": "f_bar", "cellstress": "cell_stress"}
+INTEGRATORS = {"galpha": "generalized_alpha"}
 CONDITIONS = {"roller": "slip", "stick": "stick"}
 
 
@@ -73,6 +74,8 @@ class Golden:
             more -= {"transfer", "mix", "order"}
         more -= {"gauss"}  # points an axis and form of that basis
         more -= {"fbar", "cellstress"}
+        if self.options.get("integrator") in INTEGRATORS:
+            more -= {"integrator", "rho_b"}
         if self.basis not in BASES:
             return f"basis {self.basis}"
         if more:
@@ -143,7 +146,10 @@ def scene(golden):
         transfer += f"transfer_order = {golden.options['order']} position_update = 'published' "
     else:
         transfer += f"flip_fraction = {golden.flip!r} "
-    text.append(f"&method basis = '{BASES[golden.basis]}' {domain}{anti_locking}{transfer}"
+    integrator = ""
+    if "integrator" in golden.options:
+        integrator = f"integrator = '{INTEGRATORS[golden.options['integrator']]}' spectral_radius = {golden.options['rho_b']!r} "
+    text.append(f"&method {integrator}basis = '{BASES[golden.basis]}' {domain}{anti_locking}{transfer}"
                 f"stress_update = '{golden.scheme}' deformation_update = 'forward' "
                 f"half_step_start = .{str(golden.half_start).lower()}. mass_cutoff = {float(golden.cutoff / golden.mass.max())!r} /")
     text.append(f"&time end = {golden.dt * STEPS[-1]!r} step_rule = 'fixed' step = {golden.dt!r} /")
@@ -162,7 +168,8 @@ def test_files_are_known():
         "d2_ugimp_musl_nh_stick", "d2_ugimp_usl_nh_apic", "d2_ugimp_musl_nh_tpic", "d2_cpgimpU_musl_nh_apicmix",
         "d2_ugimp_usl_hwsym", "d2_ugimp_usl_henckyvm", "d3_linear_usl_nh", "d1_bs2_usl_nh", "d1_bs3_usl_nh",
         "d1_bs2u_usl_nh", "d1_bs3u_usl_nh", "d1_cpdi_usl_nh", "d2_cpdi_usl_nh", "d1_ddmp_usl_nh", "d2_gauss2surface_musl_nh",
-        "d2_gauss3simpson_musl_nh", "d2_ugimp_usl_nh_fbar", "d2_ugimp_musl_nh_fmpm2", "d2_ugimp_usl_nh_xpic2", "d3_cpdi2_usl_nh"}
+        "d2_gauss3simpson_musl_nh", "d2_ugimp_usl_nh_fbar", "d2_ugimp_musl_nh_fmpm2", "d2_ugimp_usl_nh_xpic2", "d2_ugimp_galpha08_nh",
+        "d3_cpdi2_usl_nh"}
 
 
 @pytest.mark.parametrize("kernel", ["auto", "list"])
