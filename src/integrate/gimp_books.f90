@@ -1,7 +1,6 @@
 !> The books of a run: where energy came from and where it went.
 !>
-!> In every step  E_p' - E_p = W_forces + W_gravity + W_walls + W_damping + W_filter - D_p2g - D_g2p  (algorithms: energy books).
-!> W_filter is the work of what an integrator adds to the forces; the symplectic step adds nothing. Kinetic
+!> In every step  E_p' - E_p = W_forces + W_gravity + W_walls + W_damping - D_p2g - D_g2p  (algorithms: energy books). Kinetic
 !> energy is that of the particles; works are those of nodal forces with the mean nodal velocity; D_p2g uses the energy that
 !> the particles gave to the nodes by their weights. `residual` collects what is left: lost weights, lost particles, a wrong
 !> nodal update all show in it. `e_stress` compares the work of the nodal forces with the energy of the material.
@@ -28,7 +27,6 @@ module gimp_books
     real(dp) :: internal = 0.0_dp !! work of the internal forces
     real(dp) :: loss_p2g = 0.0_dp !! lost on the way to the grid
     real(dp) :: loss_g2p = 0.0_dp !! lost on the way back (FLIP: may be negative)
-    real(dp) :: filter = 0.0_dp !! taken out by the integrator itself (generalised alpha)
     real(dp) :: removed = 0.0_dp !! kinetic and stored energy of particles taken out
     real(dp) :: residual = 0.0_dp !! what the identity leaves, added up
     real(dp) :: largest = tiny(1.0_dp) !! largest energy exchanged or present: the scale of the residual
@@ -48,7 +46,7 @@ module gimp_books
     real(dp) :: reaction(3) = 0.0_dp !! force of the sides on the material in the last step [N]
     ! of the step in hand
     real(dp) :: grid_before = 0.0_dp, grid_after = 0.0_dp, given = 0.0_dp, work_forces = 0.0_dp, work_gravity = 0.0_dp
-    real(dp) :: work_walls = 0.0_dp, work_damping = 0.0_dp, work_external = 0.0_dp, work_pushed = 0.0_dp, work_filter = 0.0_dp
+    real(dp) :: work_walls = 0.0_dp, work_damping = 0.0_dp, work_external = 0.0_dp, work_pushed = 0.0_dp
   end type books_t
 
 contains
@@ -61,7 +59,7 @@ contains
     p2g = books%given - books%grid_before + books%work_pushed
     g2p = books%grid_after - kinetic
     work = books%work_forces + books%work_gravity + books%work_walls + books%work_damping &
-      + books%work_pushed + books%work_filter
+      + books%work_pushed
     books%residual = books%residual + ((kinetic - books%kinetic) - work + p2g + g2p)
     books%loss_p2g = books%loss_p2g + p2g
     books%loss_g2p = books%loss_g2p + g2p
@@ -69,7 +67,6 @@ contains
     books%internal = books%internal + (books%work_forces - books%work_external)
     books%reactions = books%reactions + books%work_walls + books%work_pushed
     books%damping = books%damping - books%work_damping
-    books%filter = books%filter - books%work_filter
     books%kinetic = kinetic
     books%momentum_scale = max(books%momentum_scale, sqrt(2.0_dp*max(kinetic, books%grid_after)*books%mass))
     books%largest = max(books%largest, kinetic, abs(books%internal), abs(books%loads), books%given, abs(books%reactions))

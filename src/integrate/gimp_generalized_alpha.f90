@@ -14,9 +14,11 @@
 !> oscillator. Modes with light nodes and short waves have small p: the critical step of a scene is found with `mapped_limit`.
 !>
 !> Books. The kick is that of the forces and the difference that the memory makes,
-!>   m (w - v^n) = dt f + dt (1 - ga/(1 - am)) (m a^n - f) + impulse of the sides.
-!> Forces do work along d, sides with (v^n + w)/2; what the second term and the difference between d/dt and (v^n + w)/2 do is
-!> the work of the filter, which takes energy out of short waves.
+!>   m (w - v^n) = dt f + dt (1 - ga/(1 - am)) (m a^n - f).
+!> Works are those of (v^n + w)/2, which makes the identity of gimp_books exact. The second term is booked with the forces of the
+!> particles: together they are the force in the middle of the step, where f alone is that of its start. What the method takes out
+!> of short waves shows as `e_stress`, the work of these forces that the material does not know of. Where a side holds a component,
+!> there is no second term: the side gives what f leaves to the acceleration of the side.
 module gimp_generalized_alpha
   use gimp_kinds, only: wp, dp
   use gimp_error, only: error_t
@@ -29,8 +31,7 @@ module gimp_generalized_alpha
   use gimp_walls, only: walls_t, move_walls, constrain
   use gimp_loads, only: gravity_at, collect_loads, add_loads, work_of_loads
   use gimp_nodes, only: node_step_t, stage_full, fields_last, fields_first, velocity_of, note_cut_nodes, sign_or_zero, n_node_sums, &
-    book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_reaction, book_impulse, &
-    book_filter
+    book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_reaction, book_impulse
   use gimp_run_state, only: stepper_t, damping_local, phase_grid
   use gimp_particle_stage, only: run_pass
   use gimp_nodal_stage, only: collect_pads, remember_images, book_images, book_stage, copy_masses
@@ -215,7 +216,7 @@ contains
     real(wp), intent(out) :: g(nf, nodes_per_block) !! new acceleration, mass, change of velocity
     real(dp), intent(out) :: sums(n_node_sums)
     integer, parameter :: n = nodes_per_block
-    real(wp), dimension(n, 3) :: v, force, damped, a0, a1, u, w, free
+    real(wp), dimension(n, 3) :: v, force, damped, a0, a1, u, w, free ! `free`: 0 for a component that a side holds, else 1
     real(wp) :: q(n, nf), m(n), pull
     integer :: i, k
     sums = 0.0_dp
@@ -232,7 +233,8 @@ contains
         if (m(i) > 0.0_wp .and. step%first) a0(i, k) = force(i, k)/m(i)
       end do
     end do
-    if (held) call hold_acceleration(a0)
+    free = 1.0_wp
+    if (held) call hold_acceleration(a0, free)
     do k = 1, 3
       do i = 1, n
         pull = 0.0_wp
@@ -240,10 +242,9 @@ contains
         call advance_free(step%c, step%node%kick, pull, a0(i, k), v(i, k), a1(i, k), u(i, k), w(i, k))
       end do
     end do
-    free = w
-    if (held) call hold_acceleration(a1)
+    if (held) call hold_acceleration(a1, free)
     if (held) call blend(step%c, step%node%kick, a0, a1, v, u, w)
-    call book_nodes(n, grid%dim, step, m, v, force, damped, a0, u, w, free, sums)
+    call book_nodes(n, grid%dim, step, m, v, force, damped, a0, w, free, sums)
     q(:, 1:3) = u
     call fields_first(q, given)
     q(:, 1:3) = a1
@@ -273,18 +274,21 @@ contains
     end subroutine hold_velocity
 
     !> What a side holds of an acceleration is the rate at which its velocity changes
-    subroutine hold_acceleration(a)
-      real(wp), intent(inout) :: a(n, 3)
-      real(wp) :: x(3), low(3), high(3)
+    subroutine hold_acceleration(a, free)
+      real(wp), intent(inout) :: a(n, 3), free(n, 3)
+      real(wp) :: x(3), low(3), high(3), one(3)
       integer :: j
       do j = 1, n
         if (m(j) <= 0.0_wp) cycle
         x = a(j, :)
         low = 0.0_wp
         high = 0.0_wp
+        one = 1.0_wp
         call constrain(step%before, grid, node_of(j), x)
         call constrain(step%before, grid, node_of(j), low)
         call constrain(step%after, grid, node_of(j), high)
+        call constrain(step%before, grid, node_of(j), one)
+        free(j, :) = merge(1.0_wp, 0.0_wp, one - low > 0.5_wp)
         a(j, :) = (x - low) + (high - low)/step%node%kick
       end do
     end subroutine hold_acceleration
@@ -308,14 +312,14 @@ contains
   end subroutine forces_of
 
   !> Works and impulses of the step (see the head of this module)
-  subroutine book_nodes(n, dim, step, m, v, force, damped, a0, u, w, free, sums)
+  subroutine book_nodes(n, dim, step, m, v, force, damped, a0, w, free, sums)
     integer, intent(in) :: n, dim
     type(alpha_step_t), intent(in) :: step
     real(wp), intent(in) :: m(n)
-    real(wp), intent(in), dimension(n, 3) :: v, force, damped, a0, u, w, free !! `free`: w without the sides
+    real(wp), intent(in), dimension(n, 3) :: v, force, damped, a0, w, free
     real(dp), intent(inout) :: sums(n_node_sums)
     real(wp) :: dt, share, mean, pull, filter, side
-    real(dp) :: part(8)
+    real(dp) :: part(7)
     integer :: i, k
     dt = step%node%kick
     share = dt*(1.0_wp - step%c%ga/(1.0_wp - step%c%am))
@@ -324,26 +328,24 @@ contains
       do i = 1, n
         mean = 0.5_wp*(v(i, k) + w(i, k))
         pull = m(i)*step%node%gravity(k)
-        filter = share*(m(i)*a0(i, k) - force(i, k))
-        side = m(i)*(w(i, k) - free(i, k))
+        filter = free(i, k)*share*(m(i)*a0(i, k) - force(i, k))
+        side = (1.0_wp - free(i, k))*(m(i)*(w(i, k) - v(i, k)) - dt*force(i, k))
         part(1) = part(1) + real(0.5_wp*m(i)*v(i, k)**2, dp)
         part(2) = part(2) + real(0.5_wp*m(i)*w(i, k)**2, dp)
-        part(3) = part(3) + real(dt*(force(i, k) - pull + damped(i, k))*u(i, k), dp)
-        part(4) = part(4) + real(dt*pull*u(i, k), dp)
-        part(5) = part(5) - real(dt*damped(i, k)*u(i, k), dp)
-        part(6) = part(6) + real(filter*mean + dt*force(i, k)*(mean - u(i, k)), dp)
-        part(7) = part(7) + real(side*mean, dp)
+        part(3) = part(3) + real((dt*(force(i, k) - pull + damped(i, k)) + filter)*mean, dp)
+        part(4) = part(4) + real(dt*pull*mean, dp)
+        part(5) = part(5) - real(dt*damped(i, k)*mean, dp)
+        part(6) = part(6) + real(side*mean, dp)
         sums(book_reaction + k - 1) = sums(book_reaction + k - 1) + real(side, dp)
-        part(8) = part(8) + real(dt*(pull - damped(i, k)) + filter, dp)
+        part(7) = part(7) + real(dt*(pull - damped(i, k)) + filter, dp)
       end do
       sums(book_before) = sums(book_before) + part(1)
       sums(book_after) = sums(book_after) + part(2)
       sums(book_forces) = sums(book_forces) + part(3)
       sums(book_gravity) = sums(book_gravity) + part(4)
       sums(book_damping) = sums(book_damping) + part(5)
-      sums(book_filter) = sums(book_filter) + part(6)
-      sums(book_walls) = sums(book_walls) + part(7)
-      sums(book_impulse + k - 1) = sums(book_impulse + k - 1) + part(8)
+      sums(book_walls) = sums(book_walls) + part(6)
+      sums(book_impulse + k - 1) = sums(book_impulse + k - 1) + part(7)
     end do
   end subroutine book_nodes
 

@@ -12,7 +12,7 @@ module gimp_nodal_stage
   use gimp_loads, only: gravity_at, collect_loads, add_loads, work_of_loads
   use gimp_nodes, only: update_nodes, node_step_t, stage_full, stage_velocity, stage_kick, stage_project, n_node_sums, &
     book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_cut, book_cut_momentum, &
-    book_reaction, book_pushed, book_impulse, book_held, book_filter
+    book_reaction, book_pushed, book_impulse, book_held
   use gimp_books, only: books_t
   use gimp_run_state, only: stepper_t, flip_now, damping_local, phase_grid
   implicit none(type, external)
@@ -169,7 +169,6 @@ contains
       books%work_gravity = sums(book_gravity)
       books%work_walls = sums(book_walls)
       books%work_damping = sums(book_damping)
-      books%work_filter = sums(book_filter)
       books%reaction = books%reaction + sums(book_reaction:book_reaction + 2)/kick
       books%impulse = books%impulse + sums(book_reaction:book_reaction + 2) + sums(book_impulse:book_impulse + 2)
     end if

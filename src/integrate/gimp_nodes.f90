@@ -12,7 +12,7 @@ module gimp_nodes
   public :: update_nodes, fields_last, fields_first, velocity_of, note_cut_nodes, sign_or_zero
   public :: node_step_t, stage_full, stage_velocity, stage_kick, stage_project
   public :: n_node_sums, book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_cut, &
-    book_cut_momentum, book_reaction, book_pushed, book_impulse, book_held, book_filter
+    book_cut_momentum, book_reaction, book_pushed, book_impulse, book_held
 
   integer, parameter :: stage_full = 1 !! velocity from momentum, then the kick by the forces
   integer, parameter :: stage_velocity = 2 !! velocity from momentum only
@@ -24,8 +24,7 @@ module gimp_nodes
   integer, parameter :: book_pushed = 13 !! work of moving sides on the velocity before the kick
   integer, parameter :: book_impulse = 14 !! 14-16: impulse of gravity and damping
   integer, parameter :: book_held = 17 !! 17-19: impulse of the sides on the velocity before the kick
-  integer, parameter :: book_filter = 20 !! work of what an integrator does beside the forces (generalised alpha)
-  integer, parameter :: n_node_sums = 20
+  integer, parameter :: n_node_sums = 19
 
   !> What the update of this step needs to know
   type :: node_step_t
