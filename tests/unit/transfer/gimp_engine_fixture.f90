@@ -107,7 +107,8 @@ contains
   end subroutine lattice_cloud
 
   !> An engine with these particles, neo-Hookean materials of different stiffness; particles still have to be sorted
-  subroutine make_engine(dim, basis, cells, spacing, cloud, engine, with_force, with_faces, uniform, affine, rule, anti_locking)
+  subroutine make_engine(dim, basis, cells, spacing, cloud, engine, with_force, with_faces, uniform, affine, rule, anti_locking, &
+                         acceleration)
     integer, intent(in) :: dim, basis
     integer, intent(in) :: cells(3)
     real(wp), intent(in) :: spacing !! [m]
@@ -115,6 +116,7 @@ contains
     type(engine_t), intent(out) :: engine
     logical, intent(in), optional :: with_force, with_faces
     logical, intent(in), optional :: uniform !! half lengths of the first particle for all, not stored with each
+    logical, intent(in), optional :: acceleration !! particles keep theirs
     integer, intent(in), optional :: affine !! kind of affine transfer; the gradients carried start at zero
     type(point_rule_t), intent(in), optional :: rule !! points at which domains are sampled; corners if absent
     integer, intent(in), optional :: anti_locking !! with the gradient that laws see, which starts as F
@@ -164,6 +166,9 @@ contains
       end if
       if (present(anti_locking)) engine%anti_locking = anti_locking
       if (engine%anti_locking == anti_f_bar .or. engine%anti_locking == anti_b_bar) call add_field(p, "evened_deformation", dim*dim, p%evened)
+      if (present(acceleration)) then
+        if (acceleration) call add_field(p, "acceleration", dim, p%acceleration)
+      end if
       call add_field(p, "reference", dim, p%reference)
       allocate (p%groups(size(engine%laws)))
       chunks = 0
