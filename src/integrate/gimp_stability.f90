@@ -8,6 +8,7 @@
 !> P = M^-1 S^T m S (grid to particles and back, eigenvalues between 0 and 1) one finds, from the amplification of the
 !> step at its root -1:
 !> - usl: u' = u + dt (v + dt a), v' = v + dt P a, so W = 2 - P;
+!> - generalised alpha: W = 1 and its own limit in place of 2 (gimp_generalized_alpha);
 !> - musl, usf, usavg: the grid velocity that strains has been through the particles, W = P (times 2/(1 + q) with a FLIP
 !>   fraction q); with affine transfers, which smooth less, W = 1.
 !> One particle at the share xi of a cell has lambda(M^-1 K) = c^2/(h^2 xi (1 - xi)) and P a = 0: the limit of usl is
