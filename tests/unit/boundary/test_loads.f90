@@ -122,7 +122,7 @@ contains
     end do
     call check(sums, total, 1.0e-13_wp*scale, what//": nodal forces add up to the load")
     call check(moment, expected, 1.0e-12_wp*scale, what//": and have its moment")
-    call check(real(work_of_loads(loads, engine, engine%table%slots, engine%g, 0.25_wp), wp), work, 1.0e-12_wp*scale, &
+    call check(real(work_of_loads(loads, engine, engine%table%slots, engine%g, 0.25_wp, 0.5_wp), wp), work, 1.0e-12_wp*scale, &
                what//": work of a linear velocity")
     call check_lean_nodes(engine, loads, total, scale, what)
   end subroutine check_nodes
