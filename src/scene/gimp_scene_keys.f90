@@ -356,8 +356,8 @@ contains
     call add(t, n, g, "end", kind_real, "the run ends at this time", unit="s", range="(0,)", required=.true.)
     call add(t, n, g, "step_rule", kind_word, "adaptive: from the state; uniform: equal steps, from the initial wave speed; "// &
              "fixed: step", words="adaptive uniform fixed", default="adaptive")
-    call add(t, n, g, "courant", kind_real, "Courant number; 1 is the step h/(c + |v|), with other integrators than "// &
-             "symplectic 0.9 of what their own limit allows of it", range="(0,1]", default="0.4", &
+    call add(t, n, g, "courant", kind_real, "Courant number; 1 is the step h/(c + v), with generalized_alpha "// &
+             "0.9 of its bifurcation limit over that of leap-frog times it", range="(0,1]", default="0.4", &
              when="step_rule=adaptive|uniform", unless="steps")
     call add(t, n, g, "step", kind_real, "length of a step", unit="s", range="(0,)", required=.true., when="step_rule=fixed")
     call add(t, n, g, "steps", kind_integer, "number of equal steps, in place of courant", range="[1,)", &
