@@ -272,6 +272,8 @@ contains
     call say(s%books%wide_chunks, "chunks through the list kernel (wide supports or drift)")
     call say(s%books%spilled, "node values beyond a pad")
     call say(s%books%cut_nodes, "nodes below the mass cut-off (node-steps); momentum lost "//text_of(s%books%cut_momentum, 3)//" kg m/s")
+    call say(s%books%handed, "particles whose light nodes handed on force (particle-steps); impulse handed on "// &
+             text_of(s%books%handed_impulse, 3)//" kg m/s")
     call say(s%books%removed_particles, "particles removed at free sides")
     call say(s%books%lost_loads, "load points on inactive nodes: force was lost")
     call line("  sorts              "//with_thousands(s%books%sorts))
@@ -339,6 +341,8 @@ contains
     call whole("wide_chunks", s%books%wide_chunks)
     call whole("spilled_values", s%books%spilled)
     call whole("cut_nodes", s%books%cut_nodes)
+    call whole("redistributed_forces", s%books%handed)
+    call number("redistributed_impulse", s%books%handed_impulse)
     call whole("removed_particles", s%books%removed_particles)
     call whole("lost_loads", s%books%lost_loads)
     if (recorder%has_solution) then

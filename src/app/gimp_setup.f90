@@ -17,7 +17,7 @@ module gimp_setup
   use gimp_time_table, only: time_table_t
   use gimp_loads, only: loads_t, load_traction, load_pressure, load_point, most_face_loads
   use gimp_generalized_alpha, only: bifurcation_limit
-  use gimp_run_state, only: stepper_t, scheme_of_word, usl, musl, series_none, series_xpic, series_fmpm, position_grid, &
+  use gimp_run_state, only: stepper_t, hands_on, scheme_of_word, usl, musl, series_none, series_xpic, series_fmpm, position_grid, &
     position_published, position_new, integrator_of_word, symplectic, damping_none, damping_local, damping_kinetic
   use gimp_step_size, only: rule_adaptive, rule_uniform, rule_fixed
   use gimp_stability, only: check_of_word
@@ -185,6 +185,11 @@ contains
     if (s%engine%affine == affine_mls) call check_least_squares(scene, s, error)
     call set_up_anti_locking(scene, s, error)
     s%method%cutoff = real(real_of(scene, "method", 1, "mass_cutoff"), wp)
+    s%method%redistribute = real(real_of(scene, "method", 1, "redistribute_mass"), wp)
+    if (hands_on(s%method) .and. word_of(scene, "time", 1, "stability_check") /= "none") call complain(error, scene, &
+      "time", 1, "stability_check", "does not know the forces that light nodes hand on (redistribute_mass in &method)")
+    if (hands_on(s%method) .and. word_of(scene, "method", 1, "integrator") /= "symplectic") call complain(error, scene, "method", 1, &
+      "redistribute_mass", "is for integrator = 'symplectic': the others give mass and force in one pass")
     s%method%half_start = logical_of(scene, "method", 1, "half_step_start")
     call set_up_integrator(scene, s, error)
     select case (word_of(scene, "method", 1, "damping"))

@@ -37,6 +37,8 @@ module gimp_books
     integer(i8) :: wide_chunks = 0 !! chunk-steps through the list kernel
     integer(i8) :: spilled = 0 !! node values beyond a pad
     integer(i8) :: lost_loads = 0 !! load points on inactive nodes
+    integer(i8) :: handed = 0 !! particle-steps in which light nodes handed on force
+    real(dp) :: handed_impulse = 0.0_dp !! of that force [kg m/s], sum of norms
     integer(i8) :: removed_particles = 0
     integer(i8) :: sorts = 0
     real(dp) :: momentum_start(3) = 0.0_dp !! [kg m/s]

@@ -36,7 +36,7 @@ contains
 
     start = seconds_now()
     step = node_step_t(stage=stage, kick=real(kick, wp), gravity=real(gravity_at(s%loads, s%time), wp), cutoff=s%cutoff_mass, round_off=s%round_off_mass, &
-                       pic=1.0_wp - flip_now(s))
+                       pic=1.0_wp - flip_now(s), light=s%light_mass)
     if (s%method%damping == damping_local) step%damping = s%method%damping_factor
     loaded = .false.
     if (stage == stage_full .or. stage == stage_kick) then

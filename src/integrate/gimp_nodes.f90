@@ -1,11 +1,13 @@
 !> The equation of motion on the nodes of one slot, with conditions, damping and books.
 !>
 !> Fields of the grid: before the update 1-3 momentum, 4 mass, 5-7 force, 8 kinetic energy given by the particles; after it
-!> 1-3 velocity, 4 mass, 5-7 change of velocity (or, after the projection of MUSL, the velocity that moves particles).
+!> 1-3 velocity, 4 mass, 5-7 change of velocity (or, after the projection of MUSL, the velocity that moves particles). Where light nodes hand on force
+!> (gimp_light_nodes), 8 says between the velocity and the kick how much of it.
 module gimp_nodes
   use gimp_kinds, only: wp, dp, lanes
   use gimp_grid, only: grid_t, nodes_per_block, nf => fields_per_node
   use gimp_walls, only: walls_t, constrain
+  use gimp_light_nodes, only: light_field
   use gimp_kernels, only: to_lanes, to_fields
   implicit none(type, external)
   private
@@ -33,6 +35,7 @@ module gimp_nodes
     real(wp) :: gravity(3) = 0.0_wp !! [m/s2]
     real(wp) :: cutoff = 0.0_wp !! nodes with less mass are left out [kg]
     real(wp) :: round_off = 0.0_wp !! masses up to here are round-off [kg]
+    real(wp) :: light = 0.0_wp !! nodes with less mass hand on force [kg]
     real(wp) :: pic = 0.0_wp !! share of PIC in the transfer
     real(wp) :: damping = 0.0_wp !! share of the force taken out by local damping (Cundall)
   end type node_step_t
@@ -89,6 +92,7 @@ contains
     end select
     q(:, 4) = m
     q(:, 8) = 0.0_wp
+    if (step%stage == stage_velocity .and. step%light > 0.0_wp) q(:, light_field) = max(0.0_wp, 1.0_wp - m/step%light)
     call fields_first(q, g)
 
   contains

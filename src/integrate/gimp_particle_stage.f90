@@ -6,12 +6,12 @@ module gimp_particle_stage
   use gimp_timer, only: seconds_now
   use gimp_accumulator, only: column_sums
   use gimp_basis, only: basis_ddmp
-  use gimp_engine, only: pass_t, sum_external, sum_plastic, sum_clamped, sum_wide, sum_detached, sum_impulse, peak_rate, peak_speed, peak_strain, &
+  use gimp_engine, only: pass_t, sum_external, sum_plastic, sum_clamped, sum_wide, sum_detached, sum_impulse, sum_handed, sum_handed_impulse, peak_rate, peak_speed, peak_strain, &
     fate_fine, fate_inverted, fate_outside, fate_jumped
   use gimp_particle_pass, only: particle_pass
   use gimp_cell_pass, only: evens_strain, evens_stress, rates_to_cells, stress_to_cells
   use gimp_resort, only: sort_particles
-  use gimp_run_state, only: stepper_t, find_held, usl, musl, phase_particles, phase_sort
+  use gimp_run_state, only: stepper_t, hands_on, find_held, usl, musl, phase_particles, phase_sort
   implicit none(type, external)
   private
   public :: run_pass, give_pass, resort
@@ -90,6 +90,8 @@ contains
       s%books%clamped = s%books%clamped + nint(s%sums(sum_clamped), i8)
       s%books%detached = s%books%detached + nint(s%sums(sum_detached), i8)
       s%books%wide_chunks = s%books%wide_chunks + nint(s%sums(sum_wide), i8)
+      s%books%handed = s%books%handed + nint(s%sums(sum_handed), i8)
+      s%books%handed_impulse = s%books%handed_impulse + s%sums(sum_handed_impulse)
       s%books%spilled = s%books%spilled + engine%spill%n
       if (pass%momentum .or. pass%force) s%sort_now = s%sort_now .or. any(engine%restless)
     end associate
@@ -100,7 +102,7 @@ contains
     type(stepper_t), intent(in) :: s
     real(dp), intent(in) :: time
     give_pass%momentum = .true.
-    give_pass%force = s%method%scheme == usl .or. s%method%scheme == musl
+    give_pass%force = (s%method%scheme == usl .or. s%method%scheme == musl) .and. .not. hands_on(s%method)
     give_pass%time = time
   end function give_pass
 

@@ -16,7 +16,7 @@ module gimp_run_state
   use gimp_saved_state, only: saved_state_t, saved_bytes
   implicit none(type, external)
   private
-  public :: stepper_t, method_t, carry_stepper, stepper_bytes, set_bounds, find_held, kinetic_given, momentum_of, weigh
+  public :: stepper_t, method_t, hands_on, carry_stepper, stepper_bytes, set_bounds, find_held, kinetic_given, momentum_of, weigh
   public :: in_series, flip_now, series_none, series_xpic, series_fmpm, position_grid, position_published, position_new
   public :: symplectic, generalized_alpha, newmark, integrator_of_word
   public :: usf, usl, musl, usavg, scheme_of_word, damping_none, damping_local, damping_kinetic
@@ -40,6 +40,7 @@ module gimp_run_state
     integer :: scheme = musl
     real(wp) :: flip = 1.0_wp !! share of FLIP in the velocity transfer; 0 is PIC
     real(wp) :: cutoff = 1.0e-12_wp !! mass cut-off, in units of the largest particle mass
+    real(wp) :: redistribute = 0.0_wp !! nodes below this share of the mass of a full cell hand on force; 0: none
     logical :: half_start = .true. !! the first kick covers half a step, so that velocities live at half steps
     integer :: damping = damping_none
     real(wp) :: damping_factor = 0.7_wp
@@ -70,6 +71,7 @@ module gimp_run_state
     real(dp) :: rate = 0.0_dp, speed = 0.0_dp, strain_rate = 0.0_dp !! peaks of the last step
     real(dp) :: kick_before = 0.0_dp !! half of the last step: leap-frog with changing steps
     real(wp) :: cutoff_mass = 0.0_wp, round_off_mass = 0.0_wp !! [kg]
+    real(wp) :: light_mass = 0.0_wp !! nodes below it hand on force [kg]
     integer(i8) :: particle_steps = 0
     real(dp) :: seconds(n_phases) = 0.0_dp
     ! for this room only
@@ -128,6 +130,12 @@ contains
     end select
   end function integrator_of_word
 
+  !> Whether light nodes hand on force
+  pure logical function hands_on(method)
+    type(method_t), intent(in) :: method
+    hands_on = method%redistribute > 0.0_wp
+  end function hands_on
+
   !> Bytes in use: the engine's, and those of the state that steps may be redone from
   pure integer(i8) function stepper_bytes(s)
     type(stepper_t), intent(in) :: s
@@ -151,6 +159,7 @@ contains
     call carry(parcel, s%kick_before)
     call carry(parcel, s%cutoff_mass)
     call carry(parcel, s%round_off_mass)
+    call carry(parcel, s%light_mass)
     call carry(parcel, s%particle_steps)
     do k = 1, n_phases
       call carry(parcel, s%seconds(k))
@@ -239,21 +248,25 @@ contains
   end function momentum_of
 
   !> Mass of all particles and of the heaviest one [kg]
-  subroutine weigh(s, mass, heaviest)
+  subroutine weigh(s, mass, heaviest, lightest_density)
     type(stepper_t), intent(in) :: s
     real(dp), intent(out) :: mass
     real(wp), intent(out) :: heaviest
+    real(wp), intent(out) :: lightest_density !! least mass over volume before deformation [kg/m3]
     real(dp), allocatable :: part(:, :) ! (1, group)
     real(dp) :: sums(1)
     integer :: g, c
     allocate (part(1, size(s%engine%particles%groups)), source=0.0_dp)
     heaviest = 0.0_wp
+    lightest_density = huge(1.0_wp)
     associate (particles => s%engine%particles)
-      !$omp parallel do schedule(static) private(c) reduction(max:heaviest) if(particles%chunks > few_chunks)
+      !$omp parallel do schedule(static) private(c) reduction(max:heaviest) reduction(min:lightest_density) if(particles%chunks > few_chunks)
       do g = 1, size(particles%groups)
         do c = particles%groups(g)%first, particles%groups(g)%last
           part(1, g) = part(1, g) + sum(real(particles%p(:, particles%mass%first, c), dp))
           heaviest = max(heaviest, maxval(particles%p(:, particles%mass%first, c)))
+          lightest_density = min(lightest_density, minval(particles%p(:, particles%mass%first, c) &
+            /max(tiny(1.0_wp), particles%p(:, particles%volume%first, c)), mask=particles%id(:, c) > 0))
         end do
       end do
       !$omp end parallel do

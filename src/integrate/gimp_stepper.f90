@@ -17,7 +17,7 @@ module gimp_stepper
   use gimp_stability, only: critical_step, check_none, strains_plain, strains_after_kick, strains_smoothed
   use gimp_series, only: note_series, smooth_velocity, smooth_strain
   use gimp_generalized_alpha, only: alpha_stage, mapped_limit
-  use gimp_run_state, only: stepper_t, symplectic, generalized_alpha, flip_now, series_none, usf, usl, musl, usavg, damping_kinetic, phase_checks, set_bounds, find_held, kinetic_given, &
+  use gimp_run_state, only: stepper_t, hands_on, symplectic, generalized_alpha, flip_now, series_none, usf, usl, musl, usavg, damping_kinetic, phase_checks, set_bounds, find_held, kinetic_given, &
     momentum_of, weigh
   use gimp_particle_stage, only: run_pass, give_pass, resort
   use gimp_nodal_stage, only: nodal_stage
@@ -36,7 +36,8 @@ contains
     type(error_t), allocatable, intent(out) :: error
     call set_bounds(s)
     call resort(s)
-    call weigh(s, s%books%mass, s%cutoff_mass)
+    call weigh(s, s%books%mass, s%cutoff_mass, s%light_mass)
+    s%light_mass = s%method%redistribute*s%light_mass*real(s%engine%grid%spacing, wp)**s%engine%grid%dim
     s%round_off_mass = 32.0_wp*epsilon(1.0_wp)*s%cutoff_mass
     s%cutoff_mass = s%method%cutoff*s%cutoff_mass
     call run_pass(s, give_pass(s, s%time), error)
@@ -156,6 +157,7 @@ contains
     call note_series(s, first)
     last = first
     last%time = s%time + s%dt
+    first%redistribute = hands_on(s%method) .and. (s%method%scheme == usf .or. s%method%scheme == usavg)
 
     select case (merge(s%method%scheme, -s%method%integrator, s%method%integrator == symplectic))
     case (-generalized_alpha)
@@ -163,12 +165,14 @@ contains
       if (allocated(error)) return
       last%velocity = .true.; last%position = .true.; last%strain = .true.; last%back = 0.0_wp
     case (usl)
-      call nodal_stage(s, stage_full, kick)
+      call kick_nodes(s, kick, error)
+      if (allocated(error)) return
       call smooth_velocity(s, kick, error)
       if (allocated(error)) return
       last%velocity = .true.; last%position = .true.; last%strain = .true.
     case (musl)
-      call nodal_stage(s, stage_full, kick)
+      call kick_nodes(s, kick, error)
+      if (allocated(error)) return
       call smooth_velocity(s, kick, error)
       if (allocated(error)) return
       first%velocity = .true.; first%momentum = .true.; first%old_weights = .true.
@@ -215,6 +219,22 @@ contains
     s%particle_steps = s%particle_steps + s%engine%particles%n
     if (s%method%damping == damping_kinetic) call relax(s, kinetic, error)
   end subroutine advance
+
+  !> Velocities of the nodes and their kick. Where light nodes hand on force, masses must be known before forces are given: a pass
+  !> of their own
+  subroutine kick_nodes(s, kick, error)
+    type(stepper_t), intent(inout) :: s
+    real(dp), intent(in) :: kick
+    type(error_t), allocatable, intent(out) :: error
+    if (.not. hands_on(s%method)) then
+      call nodal_stage(s, stage_full, kick)
+      return
+    end if
+    call nodal_stage(s, stage_velocity, kick)
+    call run_pass(s, pass_t(force=.true., old_weights=.true., redistribute=.true., kick=real(kick, wp), time=s%time), error)
+    if (allocated(error)) return
+    call nodal_stage(s, stage_kick, kick)
+  end subroutine kick_nodes
 
   !> Last pass of a step: take and give at once, or with a sort between when one is due
   subroutine finish_pass(s, last, error)

@@ -18,7 +18,7 @@ module gimp_engine
   public :: offer_tasks, take_task
   public :: engine_t, law_t, pass_t, spill_t, body_force_t, pad_nodes, pad_edge, drift
   public :: allot_grid, borrow_pads, make_room, pad_bytes, grid_bytes
-  public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, sum_detached, n_sums
+  public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, sum_detached, sum_handed, sum_handed_impulse, n_sums
   public :: peak_rate, peak_speed, peak_strain, n_peaks
   public :: motion_none, motion_grid, motion_mean, motion_change
   public :: fate_fine, fate_inverted, fate_outside, fate_lost, fate_jumped
@@ -40,7 +40,9 @@ module gimp_engine
 
   !> Sums of a block over one pass, added in block order afterwards
   integer, parameter :: sum_kinetic = 1, sum_external = 2, sum_plastic = 3, sum_clamped = 4, sum_wide = 5, &
-    sum_impulse = 6, sum_affine = 9, sum_detached = 10, n_sums = 10 !! 6-8: impulse of the forces on particles; 9: energy of their affine part
+    sum_impulse = 6, sum_affine = 9, sum_detached = 10, sum_handed = 11, sum_handed_impulse = 12, n_sums = 12
+  !! 6-8: impulse of the forces on particles; 9: energy of their affine part; 11-12: particles whose nodes handed on force, and the
+  !! impulse of that
   !> Largest values of a block over one pass
   integer, parameter :: peak_rate = 1 !! square of wave speed plus particle speed [m2/s2]
   integer, parameter :: peak_speed = 2 !! squared particle speed [m2/s2]
@@ -88,6 +90,7 @@ module gimp_engine
     logical :: moved_by_second = .false. !! S v+ for the position stands in fields 5-7 (second pass of MUSL)
     logical :: momentum = .false. !! give mass, momentum and kinetic energy
     logical :: force = .false. !! give internal and body forces
+    logical :: redistribute = .false. !! light nodes, marked in the grid, hand on the force that is given
     logical :: old_weights = .false. !! give with the weights of the take
     logical :: cells = .false. !! only add up over the cells what the strains of the next pass need (see gimp_cells)
     logical :: smooth = .false. !! give m S u as momentum, u of fields 1-3; particles stay as they are
