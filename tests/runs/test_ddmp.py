@@ -65,6 +65,16 @@ def test_forces_of_nodes_without_mass_are_in_the_books(run_scene, tmp_path, sche
     assert run.summary["energy_residual"] < 1e-12
 
 
+@pytest.mark.parametrize("scheme", ["musl", "usf"])
+def test_handed_on_they_are_not_lost(run_scene, tmp_path, scheme):
+    """With a tiny redistribute_mass the particle's own nodes take the force that nodes without mass were sent"""
+    text = FREE.format(scheme=scheme).replace('basis = "ddmp"', 'basis = "ddmp" redistribute_mass = 1e-8').replace("velocity = 1.0, 0.7", "velocity = 0.7, 0.4")
+    run = run_scene(text, tmp_path).succeeded()
+    momentum = np.column_stack([run.history["momentum_x"], run.history["momentum_y"]])
+    assert np.abs(momentum - momentum[0]).max() < 1e-12*np.linalg.norm(momentum[0])
+    assert run.summary["momentum_residual"] < 1e-12
+
+
 def test_material_must_stay_in_the_box(run_scene, tmp_path):
     run = run_scene(FREE.format(scheme="musl").replace("max_steps = 150", "").replace("velocity = 1.0, 0.7", "velocity = 3.0, 0.0"), tmp_path)
     assert run.code == 1

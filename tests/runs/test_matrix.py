@@ -35,6 +35,7 @@ SHRUNK = {
 
 BASES = {
     "linear": {"basis": "linear"},
+    "linear light": {"basis": "linear", "redistribute_mass": 0.05},
     "ugimp": {"basis": "ugimp"},
     "cpgimp stretch": {"basis": "cpgimp", "domain": "stretch"},
     "cpgimp diagonal": {"basis": "cpgimp", "domain": "diagonal"},
@@ -59,7 +60,7 @@ TRANSFERS = {
 }
 SCHEMES = ("usl", "musl", "usf", "usavg")
 # affine transfers diverge with tents, mls with all but equal splines: (basis, transfer) -> the message
-REFUSED = {("linear", transfer): "diverges with basis = 'linear'" for transfer in ("apic", "tpic")}
+REFUSED = {(basis, transfer): "diverges with basis = 'linear'" for basis in ("linear", "linear light") for transfer in ("apic", "tpic")}
 REFUSED |= {("ddmp", transfer): "whose values go by tents" for transfer in ("apic", "tpic")}
 REFUSED |= {(basis, "mls"): "it is for the equal splines" for basis in BASES if not basis.startswith("bspline")}
 REFUSED |= {(basis, "mls"): "diverges at the ends of open knots" for basis in ("bspline2 open", "bspline3 open")}
