@@ -16,7 +16,7 @@ LINES = ("-", "--", ":", "-.")
 ROUND_OFF = 1e-10  # smaller errors are no business of a method; an axis down to 1e-15 would show nothing else
 WILD = 2.0  # times the scale: such a run ended without complaint and is no solution
 WORK = "particle_steps"
-AXES = {"core_seconds": "core-seconds (stepping, one run alone) [s]", WORK: "particle-steps (particles × steps)",
+AXES = {"core_seconds": "core-seconds of stepping (wall clock times threads) [s]", WORK: "particle-steps (particles × steps)",
         "processor_seconds": "processor time of the whole run [s]"}
 SHORT = {"core_seconds": "core-s", "processor_seconds": "proc.-s"}
 
