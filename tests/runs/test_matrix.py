@@ -67,6 +67,9 @@ REFUSED |= {(basis, "mls"): "diverges at the ends of open knots" for basis in ("
 PAIRS = [pair for pair in product(BASES, TRANSFERS) if pair not in REFUSED]
 PAIRS.sort(key=lambda pair: "transfer_order" in TRANSFERS[pair[1]])  # at the end: the others keep their schemes in test_pair
 PAIR_STEPS = 60
+# where a method inverts a particle in this collision: forces on nodes that hardly have mass. (basis, transfer, dimension, scheme)
+BREAKS_DOWN = {("ddmp", "flip", 3, "usl"), ("ddmp", "xpic", 2, "usl"), ("ddmp", "fmpm", 2, "usl"), ("gauss surface", "flip", 3, "usl"),
+               ("gauss surface", "apic", 3, "usl"), ("gauss surface", "tpic", 2, "musl"), ("gauss surface", "tpic", 2, "usf")}
 
 
 def collision(dimension, basis, transfer, scheme, **more):
@@ -162,8 +165,22 @@ def prove_input(run_scene, folder, scene, threads, compared):
 
 
 def prove_pair(run, folder, pair, dimension, scheme, threads, compared, table):
+    if (*pair, dimension, scheme) in BREAKS_DOWN:
+        prove_same_end(run, folder, collision(dimension, *pair, scheme), threads)
+        return
     prove_same_bits(run, folder, collision(dimension, *pair, scheme), threads, f"{pair} {dimension} {scheme}", compared)
     compared[0][(table, *pair)] += 1
+
+
+def prove_same_end(run, folder, text, threads):
+    """A run that fails does so at the same particle in the same step"""
+    ends = set()
+    for number in threads:
+        (folder / str(number)).mkdir()
+        failed = run(on_threads(text, number), folder / str(number))
+        assert failed.code == 1 and "is inverted" in failed.stderr
+        ends.add(failed.stderr)
+    assert len(ends) == 1
 
 
 def pair_name(pair):
