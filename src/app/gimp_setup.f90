@@ -323,6 +323,7 @@ contains
       s%engine%rule%carried = carried_box
       if (word_of(scene, "method", 1, "particle_domain") == "simplex") s%engine%rule%carried = carried_simplex
       s%engine%rule%n = corners_of(s%engine%rule%carried, d)
+      s%engine%domain_volume = word_of(scene, "method", 1, "cpdi2_volume") == "domain"
       s%engine%total_deformation = word_of(scene, "method", 1, "cpdi2_deformation") == "total"
       return
     end select

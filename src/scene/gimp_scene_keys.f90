@@ -306,6 +306,8 @@ contains
              unit="cells", range="(0,2]", default="?basis cpdi2=2 *=1", when="basis=cpdi|cpdi2|gauss_gimp")
     call add(t, n, g, "particle_domain", kind_word, "quadrilaterals and hexahedra, or parts of cells cut into 2 triangles or 6 "// &
              "tetrahedra, a particle each", words="box simplex", default="box", when="basis=cpdi2 dimension=2|3")
+    call add(t, n, g, "cpdi2_volume", kind_word, "of a particle in its internal force: of the domain between its corners, or J V0", &
+             words="domain material", default="domain", when="basis=cpdi2")
     call add(t, n, g, "cpdi2_deformation", kind_word, "F by deformation_update from the velocity gradient, or (with usl) from the "// &
              "corners of the domain and those of its reference shape", words="incremental total", default="incremental", &
              when="basis=cpdi2")

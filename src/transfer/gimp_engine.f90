@@ -118,6 +118,7 @@ module gimp_engine
     type(law_t), allocatable :: laws(:) !! by material
     class(body_force_t), allocatable :: body_force
     integer :: basis = basis_linear
+    logical :: domain_volume = .false. !! forces take the volume of the domain in place of that of the material
     logical :: total_deformation = .false. !! F from the corners of the domain, F = sum x_a (x) g_a of the reference shape
     integer :: domain_rule = 0 !! how domains follow the deformation; 0: they do not
     type(point_rule_t) :: rule !! of a basis that samples its domains

@@ -69,6 +69,7 @@ contains
     call random_cloud(dim, 300, low, high, short, long, seed, cloud)
     cloud%material(::2) = 2
     call make_engine(dim, basis, cells, 0.25_wp, cloud, engine, rule=rule)
+    engine%domain_volume = engine%rule%carried /= carried_none
     if (present(open)) engine%grid%open_degree = spline_degree(basis)
     call sort_particles(engine)
     call particle_pass(engine, pass_t(momentum=.true., force=.true.))
