@@ -8,7 +8,7 @@ module gimp_populate
   use gimp_fill, only: fill_t, fill_body_t, fill_bodies
   use gimp_particle_file, only: particle_table_t, read_particle_file
   use gimp_particles, only: add_field, allot_chunks, clear_chunks, group_t
-  use gimp_basis, only: basis_linear, basis_cpgimp, basis_ddmp, is_sampled
+  use gimp_basis, only: basis_linear, basis_cpgimp, basis_ddmp, basis_ugimp, longest_half, is_sampled
   use gimp_corner_domains, only: carried_none, carried_simplex
   use gimp_point_domains, only: half_edges, limit_edges
   use gimp_domains, only: domain_half_lengths
@@ -242,8 +242,24 @@ contains
     end do
     s%engine%particles%n = population%n
     population%fill = fill_t()
+    if (s%engine%basis == basis_ugimp) call check_extent(s, error)
+    if (allocated(error)) return
     if (s%engine%total) call check_undeformed(s, error)
   end subroutine populate
+
+  !> Domains that never change are not shortened: no one may be longer than lists have room for
+  subroutine check_extent(s, error)
+    type(stepper_t), intent(in) :: s
+    type(error_t), allocatable, intent(out) :: error
+    real(wp) :: longest
+    associate (p => s%engine%particles)
+      longest = maxval(p%uniform_half)
+      if (p%half_length%first > 0) longest = maxval(p%p(:, p%half_length%first:p%half_length%first + s%engine%grid%dim - 1, :))
+    end associate
+    if (.not. s%engine%overlap*longest > longest_half) return
+    call raise(error, "&method: basis = 'ugimp': a domain reaches "//text_of(real(s%engine%overlap*longest, dp), 4)// &
+               " cells from its particle, domain_overlap included; it may reach "//text_of(real(longest_half, dp)))
+  end subroutine check_extent
 
   !> A total Lagrangian run takes the start for the undeformed state
   subroutine check_undeformed(s, error)
@@ -609,10 +625,10 @@ contains
         if (p%corner%first > 0) call settle_corners(s%engine, c, f)
         if (p%domain%first == 0) cycle
         do k = 1, 3
-          half0(:, k) = p%uniform_half(k)
+          half0(:, k) = s%engine%overlap*p%uniform_half(k)
         end do
         q = p%half_length%first
-        if (q > 0) half0(:, :d) = p%p(:, q:q + d - 1, c)
+        if (q > 0) half0(:, :d) = s%engine%overlap*p%p(:, q:q + d - 1, c)
         clamped = 0
         q = p%domain%first
         if (is_sampled(s%engine%basis)) then

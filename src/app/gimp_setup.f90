@@ -162,6 +162,7 @@ contains
     if (s%engine%rule%carried /= carried_none) call check_carried(scene, s, error)
     if (spline_degree(s%engine%basis) > 0) call set_up_spline(scene, s, error)
     s%engine%dual_alpha = real(real_of(scene, "method", 1, "ddmp_alpha"), wp)
+    s%engine%overlap = real(real_of(scene, "method", 1, "domain_overlap"), wp)
     s%engine%list_kernel = word_of(scene, "method", 1, "kernel") == "list"
     select case (word_of(scene, "method", 1, "deformation_update"))
     case ("forward"); s%engine%f_update = 2

@@ -192,9 +192,9 @@ contains
     real(dp), intent(inout) :: chunk(lanes, 9)
     integer :: d, k, q
     do k = 1, engine%grid%dim
-      chunk(:, k) = engine%particles%uniform_half(k)
+      chunk(:, k) = engine%overlap*engine%particles%uniform_half(k)
       q = engine%particles%half_length%first
-      if (q > 0) chunk(:, k) = engine%particles%p(:, q + k - 1, c)
+      if (q > 0) chunk(:, k) = engine%overlap*engine%particles%p(:, q + k - 1, c)
       q = engine%particles%domain%first
       if (engine%basis == basis_cpgimp .and. q > 0) chunk(:, k) = engine%particles%p(:, q + k - 1, c)
       if (engine%particles%corner%first > 0) then ! of the box around the domain

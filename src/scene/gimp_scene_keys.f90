@@ -311,6 +311,9 @@ contains
     call add(t, n, g, "cpdi2_deformation", kind_word, "F by deformation_update from the velocity gradient, or (with usl) from the "// &
              "corners of the domain and those of its reference shape", words="incremental total", default="incremental", &
              when="basis=cpdi2")
+    call add(t, n, g, "domain_overlap", kind_real, "factor on the half lengths of domains in the weights (fuzzy particles): above 1 "// &
+             "domains overlap and mass is spread wider, at free surfaces too", range="[1,4]", default="1", &
+             when="basis=ugimp|cpgimp|cpdi|gauss_gimp")
     call add(t, n, g, "transfer", kind_word, "how grid velocity comes back to particles", words="flip pic apic tpic mls xpic "// &
              "fmpm", default="?integrator,basis symplectic,linear=flip symplectic,ddmp=flip symplectic,*=apic *,*=flip")
     call add(t, n, g, "transfer_order", kind_integer, "terms of the series that approaches the consistent mass: m of XPIC(m), k of "// &

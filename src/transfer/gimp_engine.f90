@@ -122,6 +122,7 @@ module gimp_engine
     logical :: total_deformation = .false. !! F from the corners of the domain, F = sum x_a (x) g_a of the reference shape
     integer :: domain_rule = 0 !! how domains follow the deformation; 0: they do not
     type(point_rule_t) :: rule !! of a basis that samples its domains
+    real(wp) :: overlap = 1.0_wp !! factor on the initial half lengths of domains, for the weights
     real(wp) :: longest_diagonal = 1.0_wp !! of such a domain [cells]; longer ones are scaled
     real(wp) :: dual_alpha = 0.5_wp !! alpha_max of the dual domain method
     integer :: affine = affine_none !! affine part of the velocity transfer

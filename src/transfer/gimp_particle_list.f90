@@ -32,10 +32,10 @@ contains
         return
       end if
       spline = make_spline(spline_degree(engine%basis), engine%grid, at)
-      half = p%uniform_half
-      q = p%half_length%first
-      if (engine%basis == basis_cpgimp) q = p%domain%first
-      if (q > 0) half(:d) = p%p(l, q:q + d - 1, c)
+      half = engine%overlap*p%uniform_half
+      if (p%half_length%first > 0) half(:d) = engine%overlap*p%p(l, p%half_length%first:p%half_length%first + d - 1, c)
+      q = p%domain%first
+      if (engine%basis == basis_cpgimp) half(:d) = p%p(l, q:q + d - 1, c)
       if (engine%basis == basis_linear) half = 0.0_wp
       call make_weight_list(d, p%p(l, :d, c), half, spline, list)
     end associate

@@ -209,11 +209,10 @@ contains
       case default
         q = engine%particles%half_length%first
         if (engine%basis == basis_cpgimp) q = engine%particles%domain%first
-        if (q > 0) then
-          half = min(narrow_half, p(:, q + k - 1))
-        else
-          half = min(narrow_half, engine%particles%uniform_half(k))
-        end if
+        half = engine%overlap*engine%particles%uniform_half(k)
+        if (q > 0) half = p(:, q + k - 1)
+        if (q == engine%particles%half_length%first .and. q > 0) half = engine%overlap*half
+        half = min(narrow_half, half)
       end select
       !$omp simd
       do l = 1, lanes
