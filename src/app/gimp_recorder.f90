@@ -16,6 +16,7 @@ module gimp_recorder
   use gimp_verification, only: verification_t, error_scale
   use gimp_measures, only: totals_t, errors_t, measure_totals, measure_errors, find_particle, nearest_particle, chunk_position, &
     chunk_stress, chunk_deformation
+  use gimp_smoothed_stress, only: smooth_stress
   use gimp_snapshot, only: rank_particles, sample_positions, sample_field, field_components
   use gimp_books, only: energy_residual, energy_drift, stress_update_error
   use gimp_run_state, only: stepper_t
@@ -345,6 +346,7 @@ contains
     type(error_t), allocatable, intent(out) :: error
     integer(i8), allocatable :: rank(:, :)
     real(dp), allocatable :: values(:, :)
+    real(wp), allocatable :: smoothed(:, :, :) ! not present below unless made
     integer :: k
     if (recorder%frame_time == s%time) return
     call rank_particles(s%engine, rank)
@@ -354,9 +356,11 @@ contains
     do k = 1, size(recorder%fields)
       if (allocated(error)) return
       if (recorder%fields(k) == "error" .and. .not. recorder%has_solution) cycle
+      if (recorder%fields(k) == "smoothed_stress") call smooth_stress(s%engine, smoothed)
       deallocate (values)
       allocate (values(field_components(trim(recorder%fields(k))), s%engine%particles%n))
-      call sample_field(s%engine, trim(recorder%fields(k)), rank, recorder%body_first, recorder%solution, s%time, values)
+      call sample_field(s%engine, trim(recorder%fields(k)), rank, recorder%body_first, recorder%solution, s%time, &
+                        values, smoothed)
       if (size(values, 1) == 1) then
         call add_field(recorder%output, recorder%frames, trim(recorder%fields(k)), values(1, :), error)
       else

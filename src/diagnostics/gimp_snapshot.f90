@@ -11,7 +11,7 @@ module gimp_snapshot
   private
   public :: field_components, field_words, needs_reference, rank_particles, sample_positions, sample_field
 
-  character(len=*), parameter :: field_words = "displacement velocity stress deformation_gradient pressure von_mises " &
+  character(len=*), parameter :: field_words = "displacement velocity stress smoothed_stress deformation_gradient pressure von_mises " &
     //"equivalent_plastic_strain volume mass density id material body jacobian half_length error reference_position"
 
 contains
@@ -21,7 +21,7 @@ contains
     character(len=*), intent(in) :: name
     select case (name)
     case ("displacement", "velocity", "half_length", "error", "reference_position"); n = 3
-    case ("stress"); n = 6
+    case ("stress", "smoothed_stress"); n = 6
     case ("deformation_gradient"); n = 9
     case ("pressure", "von_mises", "equivalent_plastic_strain", "volume", "mass", "density", "id", "material", "body", "jacobian")
       n = 1
@@ -94,7 +94,7 @@ contains
   end subroutine sample_positions
 
   !> One field by name
-  subroutine sample_field(engine, name, rank, body_first, solution, time, values)
+  subroutine sample_field(engine, name, rank, body_first, solution, time, values, smoothed)
     type(engine_t), intent(in) :: engine
     character(len=*), intent(in) :: name
     integer(i8), intent(in) :: rank(:, :)
@@ -102,13 +102,14 @@ contains
     type(verification_t), intent(in) :: solution !! used by the field "error" only
     real(dp), intent(in) :: time !! [s]
     real(dp), intent(out) :: values(:, :) !! (components, n)
+    real(wp), intent(in), optional :: smoothed(:, :, :) !! (lane, component, chunk), for the field of that name
     real(dp) :: chunk(lanes, 9)
     integer :: g, c, l, n
     n = field_components(name)
     !$omp parallel do schedule(dynamic, 16) private(c, l, chunk) if(engine%particles%chunks > few_chunks)
     do g = 1, size(engine%particles%groups)
       do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
-        call sample_chunk(engine, name, g, c, body_first, solution, time, chunk)
+        call sample_chunk(engine, name, g, c, body_first, solution, time, chunk, smoothed)
         do l = 1, lanes
           if (rank(l, c) > 0) values(:, rank(l, c)) = chunk(l, :n)
         end do
@@ -117,7 +118,7 @@ contains
     !$omp end parallel do
   end subroutine sample_field
 
-  subroutine sample_chunk(engine, name, g, c, body_first, solution, time, chunk)
+  subroutine sample_chunk(engine, name, g, c, body_first, solution, time, chunk, smoothed)
     type(engine_t), intent(in) :: engine
     character(len=*), intent(in) :: name
     integer, intent(in) :: g, c
@@ -125,6 +126,7 @@ contains
     type(verification_t), intent(in) :: solution
     real(dp), intent(in) :: time
     real(dp), intent(out) :: chunk(lanes, 9)
+    real(wp), intent(in), optional :: smoothed(:, :, :)
     real(dp) :: x(lanes, 3), reference(lanes, 3), u(lanes, 3)
     real(wp) :: f(lanes, 9), sigma(lanes, 6), j(lanes), strain(lanes), history(lanes, most_states)
     integer :: d, q, l
@@ -149,6 +151,8 @@ contains
       case ("deformation_gradient")
         call chunk_deformation(particles, c, f)
         chunk = f
+      case ("smoothed_stress")
+        chunk(:, :6) = smoothed(:, :, c)
       case ("mass")
         chunk(:, 1) = particles%p(:, particles%mass%first, c)
       case ("id")

@@ -393,7 +393,7 @@ contains
     call add(t, n, g, "name", kind_text, "output goes to NAME.vtkhdf; may hold a folder, which must exist", default="gimp")
     call add(t, n, g, "every", kind_real, "time between frames; 0: first and last only", unit="s", range="[0,)", default="0")
     call add(t, n, g, "fields", kind_word, "what a frame holds for each particle; error needs &verification", count_list, &
-             most=24, words="displacement velocity stress deformation_gradient pressure von_mises "// &
+             most=24, words="displacement velocity stress smoothed_stress deformation_gradient pressure von_mises "// &
              "equivalent_plastic_strain volume mass density id material body jacobian half_length error "// &
              "reference_position", default="displacement,velocity,stress")
     call add(t, n, g, "precision", kind_word, "of the fields in a frame", words="single double", default="single")

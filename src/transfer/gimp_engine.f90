@@ -92,6 +92,8 @@ module gimp_engine
     logical :: force = .false. !! give internal and body forces
     logical :: redistribute = .false. !! light nodes, marked in the grid, hand on the force that is given
     logical :: old_weights = .false. !! give with the weights of the take
+    logical :: stress_give = .false. !! only give the stress, to be averaged at the nodes (see gimp_smoothed_stress)
+    logical :: stress_take = .false. !! only take that average
     logical :: cells = .false. !! only add up over the cells what the strains of the next pass need (see gimp_cells)
     logical :: smooth = .false. !! give m S u as momentum, u of fields 1-3; particles stay as they are
     logical :: external = .false. !! book the work of external forces, though no velocity is new
@@ -133,6 +135,7 @@ module gimp_engine
     real(wp), pointer, contiguous :: g(:, :, :) => null() !! (field, node of block, slot)
     real(wp), pointer, contiguous :: pad(:, :, :) => null() !! (field, node of pad, block)
     real(wp), allocatable :: cell_sum(:, :, :) !! (number, cell of block, slot) of what particles gave to their cells
+    real(wp), allocatable :: smoothed(:, :, :) !! (lane, component, chunk) stress averaged at the nodes, while a frame is made [Pa]
     logical, allocatable :: drifted(:) !! (block) the outer layer of its pad is in use
     integer, allocatable :: task(:) !! (tasks + 1) first block of each task of a pass
     integer, allocatable :: taken(:, :) !! (apart, thread) tasks of its share that are taken
