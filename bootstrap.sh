@@ -43,6 +43,17 @@ has_hdf5_fortran() {
   [[ -n ${HDF5_ROOT:-}${HDF5_DIR:-} ]] # cmake will say if it does not suit
 }
 
+has_lapack() { # any that cmake can link: Debian's, or another one under its names
+  if has dpkg-query; then
+    local package
+    for package in liblapack-dev libopenblas-dev; do
+      dpkg-query -W -f='${Status}' "$package" 2>/dev/null | grep -q 'ok installed' && return 0
+    done
+  fi
+  has pkg-config && { pkg-config --exists lapack 2>/dev/null || pkg-config --exists openblas 2>/dev/null; } && return 0
+  [[ $(uname) == Darwin ]] # part of the system
+}
+
 python_with() { # python_with INTERPRETER MODULE...: true if it can import them all
   local python=$1; shift
   has "$python" || return 1
@@ -70,6 +81,7 @@ missing_packages() { # missing_packages MODULE...: Debian names of all that is n
   has ninja || has make || echo ninja-build
   has fypp || [[ -x $root/.venv/bin/fypp ]] || echo fypp
   has_hdf5_fortran || echo libhdf5-dev
+  has_lapack || echo liblapack-dev
   if [[ -e $root/.git ]]; then has git || echo git; fi
   if ! find_python "$@" >/dev/null; then
     [[ -x /usr/bin/python3 ]] || echo python3
@@ -122,7 +134,7 @@ prepare() { # prepare MODULE...: tools and a Python that imports the modules, or
       install_packages $missing || warn "apt-get could not install all of: $missing"
     else
       warn "missing here; the Debian names are: $missing"
-      warn "elsewhere: GNU Fortran 12 or newer, CMake 3.22 or newer, Ninja or Make, HDF5 with Fortran," \
+      warn "elsewhere: GNU Fortran 12 or newer, CMake 3.22 or newer, Ninja or Make, HDF5 with Fortran, LAPACK," \
         "fypp, and Python 3 with: $*"
     fi
   fi

@@ -277,6 +277,7 @@ contains
     call say(s%books%removed_particles, "particles removed at free sides")
     call say(s%books%lost_loads, "load points on inactive nodes: force was lost")
     call line("  sorts              "//with_thousands(s%books%sorts))
+    if (s%method%filter_every > 0) call line("  null-space filter  took "//text_of(s%books%filtered, 3)//" J of kinetic energy")
 
   contains
 
@@ -345,6 +346,7 @@ contains
     call number("redistributed_impulse", s%books%handed_impulse)
     call whole("removed_particles", s%books%removed_particles)
     call whole("lost_loads", s%books%lost_loads)
+    if (s%method%filter_every > 0) call number("filtered_energy", s%books%filtered)
     if (recorder%has_solution) then
       call word("error_solution", solution_name(recorder%solution))
       call word("error_scale_by", error_scale_text(recorder%solution))

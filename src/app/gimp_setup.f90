@@ -199,6 +199,7 @@ contains
     case default; s%method%damping = damping_none
     end select
     s%method%damping_factor = real(real_of(scene, "method", 1, "damping_factor"), wp)
+    s%method%filter_every = integer_of(scene, "method", 1, "null_space_filter")
     s%method%sort_every = integer_of(scene, "method", 1, "sort_every")
     if (s%engine%basis == basis_ugimp .and. is_given(scene, "method", 1, "domain")) &
       call complain(error, scene, "method", 1, "domain", "is read with basis = 'cpgimp' only")

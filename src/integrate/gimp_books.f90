@@ -27,6 +27,7 @@ module gimp_books
     real(dp) :: internal = 0.0_dp !! work of the internal forces
     real(dp) :: loss_p2g = 0.0_dp !! lost on the way to the grid
     real(dp) :: loss_g2p = 0.0_dp !! lost on the way back (FLIP: may be negative)
+    real(dp) :: filtered = 0.0_dp !! kinetic energy that the null-space filter took, a part of loss_g2p
     real(dp) :: removed = 0.0_dp !! kinetic and stored energy of particles taken out
     real(dp) :: residual = 0.0_dp !! what the identity leaves, added up
     real(dp) :: largest = tiny(1.0_dp) !! largest energy exchanged or present: the scale of the residual

@@ -11,10 +11,11 @@ module gimp_particle_stage
   use gimp_particle_pass, only: particle_pass
   use gimp_cell_pass, only: evens_strain, evens_stress, rates_to_cells, stress_to_cells
   use gimp_resort, only: sort_particles
+  use gimp_null_space, only: filter_velocities
   use gimp_run_state, only: stepper_t, hands_on, find_held, usl, musl, phase_particles, phase_sort
   implicit none(type, external)
   private
-  public :: run_pass, give_pass, resort
+  public :: run_pass, give_pass, resort, filter_null_space
 
 
 contains
@@ -154,5 +155,16 @@ contains
     s%books%sorts = s%books%sorts + 1
     s%seconds(phase_sort) = s%seconds(phase_sort) + seconds_now() - start
   end subroutine resort
+
+  !> Take out of the velocities what the nodes do not see. The particles were just sorted. The energy is lost on the way back from the
+  !> grid, since the books see what particles give next; it is counted apart as well.
+  subroutine filter_null_space(s)
+    type(stepper_t), intent(inout) :: s
+    real(dp) :: taken, start
+    start = seconds_now()
+    call filter_velocities(s%engine, taken)
+    s%books%filtered = s%books%filtered + taken
+    s%seconds(phase_particles) = s%seconds(phase_particles) + seconds_now() - start
+  end subroutine filter_null_space
 
 end module gimp_particle_stage

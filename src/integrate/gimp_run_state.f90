@@ -45,6 +45,7 @@ module gimp_run_state
     integer :: damping = damping_none
     real(wp) :: damping_factor = 0.7_wp
     integer :: sort_every = 0 !! steps; 0: when needed
+    integer :: filter_every = 0 !! steps between null-space filters of the velocities; 0: none
     integer :: series = series_none !! XPIC or FMPM (gimp_series); `flip` is for the steps without
     integer :: order = 1 !! terms of it
     integer :: series_every = 1 !! steps from one to the next

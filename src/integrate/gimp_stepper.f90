@@ -19,7 +19,7 @@ module gimp_stepper
   use gimp_generalized_alpha, only: alpha_stage, mapped_limit
   use gimp_run_state, only: stepper_t, hands_on, symplectic, generalized_alpha, flip_now, series_none, usf, usl, musl, usavg, damping_kinetic, phase_checks, set_bounds, find_held, kinetic_given, &
     momentum_of, weigh
-  use gimp_particle_stage, only: run_pass, give_pass, resort
+  use gimp_particle_stage, only: run_pass, give_pass, resort, filter_null_space
   use gimp_nodal_stage, only: nodal_stage
   use gimp_leaving, only: mark_leaving
   use gimp_undo, only: save_state, recall_state, went_wrong
@@ -243,8 +243,11 @@ contains
     type(error_t), allocatable, intent(out) :: error
     type(pass_t) :: give, both
     logical, allocatable :: leaving(:, :)
-    logical :: removes
+    logical :: removes, filters
     removes = any(s%walls%side%removes)
+    filters = .false.
+    if (s%method%filter_every > 0) filters = modulo(s%step + 1, int(s%method%filter_every, i8)) == 0
+    s%sort_now = s%sort_now .or. filters ! which takes the particles of a cell from one block
     if (s%method%sort_every > 0) s%sort_now = s%sort_now .or. modulo(s%step + 1, int(s%method%sort_every, i8)) == 0
     give = give_pass(s, last%time)
     if (.not. (s%sort_now .or. removes)) then
@@ -262,6 +265,7 @@ contains
     else if (s%sort_now) then
       call resort(s)
     end if
+    if (filters) call filter_null_space(s)
     call run_pass(s, give, error)
   end subroutine finish_pass
 

@@ -341,6 +341,8 @@ contains
     call add(t, n, g, "anti_locking", kind_word, "f_bar, b_bar: change of volume averaged over the particles of a cell, in stress "// &
              "alone, or in the force too; cell_stress: the force takes the mean stress", &
              words="none f_bar b_bar cell_stress", default="none")
+    call add(t, n, g, "null_space_filter", kind_integer, "steps between filters that take out of the velocities of a cell's particles "// &
+             "what its nodes do not see; each sorts; 0: none", range="[0,)", default="0")
     call add(t, n, g, "half_step_start", kind_logical, "first velocity update is half a step, as leap-frog wants it", &
              default="?integrator symplectic=.true. *=.false.")
     call add(t, n, g, "mass_cutoff", kind_real, "nodes below this share of the largest particle mass are left out", &

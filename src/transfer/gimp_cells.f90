@@ -16,7 +16,7 @@ module gimp_cells
   use omp_lib, only: omp_get_thread_num
   implicit none(type, external)
   private
-  public :: give_to_cells, take_from_cells, sum_cells, even_increment, even_rate, even_pressure, even_stress, stress_values
+  public :: find_cells, give_to_cells, take_from_cells, sum_cells, even_increment, even_rate, even_pressure, even_stress, stress_values
 
 contains
 

@@ -224,6 +224,16 @@ def test_anti_locking(run_scene, tmp_path, word, basis, transfer, scheme, dimens
     assert run.summary["energy_residual"] < 1e-12 and run.summary["momentum_residual"] < 1e-12
 
 
+@pytest.mark.parametrize("basis, transfer, scheme, dimension", [("linear", "flip", "musl", 2), ("ugimp", "apic", "usl", 1), ("bspline2 open", "flip", "usf", 3)])
+def test_null_space_filter(run_scene, tmp_path, basis, transfer, scheme, dimension):
+    """Every seventh step; what it takes is booked, momentum stays"""
+    text = collision(dimension, basis, transfer, scheme, null_space_filter=7).replace("radius = 0.2", "radius = 0.2 particles_per_axis = 4")
+    prove_same_bits(run_scene, tmp_path, text, (1, 3), f"filter {basis} {dimension} {scheme}", uncounted())
+    run = run_scene(text.replace('name = "x"', 'name = "books"'), tmp_path).succeeded()
+    assert run.summary["energy_residual"] < 1e-12 and run.summary["momentum_residual"] < 1e-12
+    assert 0.0 < run.summary["filtered_energy"] < run.history["kinetic_energy"][0]
+
+
 # ---------------------------------------------------------------------------------------- with --long
 
 
