@@ -221,6 +221,8 @@ contains
     if (s%engine%anti_locking == anti_none) return
     if (word_of(scene, "time", 1, "stability_check") /= "none") call complain(error, scene, "time", 1, "stability_check", &
       "does not know the forces of anti_locking = '"//word//"'")
+    if (word == "b_bar" .and. word_of(scene, "method", 1, "basis") == "cpdi2") call complain(error, scene, "method", 1, "anti_locking", &
+      "has no adjoint force with basis = 'cpdi2', which takes the volume of its domains; use f_bar")
   end subroutine set_up_anti_locking
 
   !> The series of XPIC and FMPM

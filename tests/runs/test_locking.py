@@ -140,7 +140,7 @@ def test_without_averages_it_does(run_scene, tmp_path, nu, least, most):
     assert least < tip_of_beam(run_scene, tmp_path, nu, "none") < most
 
 
-@pytest.mark.parametrize("basis, cells", [("ugimp", 12), ("bspline2", 12), ("cpdi", 12)])
+@pytest.mark.parametrize("basis, cells", [("ugimp", 12), ("bspline2", 12), ("cpdi", 12), ("cpdi2", 12)])
 def test_smoothed_stress_at_a_mirror(run_scene, tmp_path, basis, cells):
     """Half a body at a mirror shows what the whole one does; frames leave the run as it is, to the bit"""
     random = np.random.default_rng(1)

@@ -212,7 +212,8 @@ def test_refused_pair(run_scene, tmp_path, pair):
 # averages over cells: basis, transfer and scheme in turn
 REMEDIES = [("f_bar", "cpgimp stretch", "flip", "musl", 3), ("f_bar", "bspline2 ghost", "mls", "usl", 2), ("f_bar", "linear", "flip", "usf", 1),
             ("b_bar", "cpdi", "apic", "usl", 2), ("b_bar", "linear", "flip", "usavg", 3), ("cell_stress", "ugimp", "flip", "musl", 2),
-            ("cell_stress", "bspline3 open", "tpic", "usl", 3), ("f_bar", "ddmp", "flip", "musl", 2), ("b_bar", "cpgimp total", "flip", "usl", 2)]
+            ("cell_stress", "bspline3 open", "tpic", "usl", 3), ("f_bar", "ddmp", "flip", "musl", 2), ("b_bar", "cpgimp total", "flip", "usl", 2),
+            ("f_bar", "cpdi2", "fmpm", "usl", 2)]
 
 
 @pytest.mark.parametrize("word, basis, transfer, scheme, dimension", REMEDIES)
