@@ -237,9 +237,9 @@ def test_foreign_and_newer_files(gimp_x, copy):
     (folder / "block.checkpoint.h5").rename(folder / "moved.h5")
     told = refused(gimp_x, folder, text, "block.checkpoint.h5")  # as a kill between two renames leaves it
     assert "block.checkpoint.h5: no such file; block.checkpoint.old.h5 is whole (step 30)" in told
-    newer = (folder / "moved.h5").read_bytes().replace(b" version            2 ", b" version            3 ", 1)
+    newer = (folder / "moved.h5").read_bytes().replace(b" version            3 ", b" version            4 ", 1)
     (folder / "newer.h5").write_bytes(newer)
-    assert "newer.h5: has format version 3, newer than the 2" in refused(gimp_x, folder, text, "newer.h5")
+    assert "newer.h5: has format version 4, newer than the 3" in refused(gimp_x, folder, text, "newer.h5")
 
 
 def test_another_scene(gimp_x, copy):
