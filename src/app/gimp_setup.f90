@@ -17,8 +17,9 @@ module gimp_setup
   use gimp_time_table, only: time_table_t
   use gimp_loads, only: loads_t, load_traction, load_pressure, load_point, most_face_loads
   use gimp_generalized_alpha, only: bifurcation_limit
+  use gimp_newmark, only: newmark_limit
   use gimp_run_state, only: stepper_t, hands_on, scheme_of_word, usl, musl, series_none, series_xpic, series_fmpm, position_grid, &
-    position_published, position_new, integrator_of_word, symplectic, damping_none, damping_local, damping_kinetic
+    position_published, position_new, integrator_of_word, symplectic, newmark, damping_none, damping_local, damping_kinetic
   use gimp_step_size, only: rule_adaptive, rule_uniform, rule_fixed
   use gimp_stability, only: check_of_word
   use gimp_solution_force, only: solution_force_t
@@ -261,12 +262,14 @@ contains
     s%method%integrator = integrator_of_word(word_of(scene, "method", 1, "integrator"))
     s%method%spectral_radius = real(real_of(scene, "method", 1, "spectral_radius"), wp)
     if (s%method%integrator == symplectic) return
+    s%method%newmark_gamma = real(real_of(scene, "method", 1, "newmark_gamma"), wp)
     s%time_options%reach = 0.45_dp*bifurcation_limit(s%method%spectral_radius) ! 0.9 of it; that of leap-frog is 2
+    if (s%method%integrator == newmark) s%time_options%reach = 0.5_dp*newmark_limit(s%method%newmark_gamma)
     by = " with integrator = '"//word_of(scene, "method", 1, "integrator")//"'"
     if (word_of(scene, "method", 1, "transfer") /= "flip") then
       call complain(error, scene, "method", 1, "transfer", "must be 'flip'"//by)
     else if (s%method%flip < 1.0_wp) then
-      call complain(error, scene, "method", 1, "flip_fraction", "must be 1"//by//", which adds S (v1 - v) to a velocity")
+      call complain(error, scene, "method", 1, "flip_fraction", "must be 1"//by//", which adds changes to a velocity")
     end if
     if (s%method%scheme /= usl) call complain(error, scene, "method", 1, "stress_update", "must be 'usl'"//by)
     if (s%method%half_start) call complain(error, scene, "method", 1, "half_step_start", "must be .false."//by// &

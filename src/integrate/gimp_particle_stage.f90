@@ -12,10 +12,10 @@ module gimp_particle_stage
   use gimp_cell_pass, only: evens_strain, evens_stress, rates_to_cells, stress_to_cells
   use gimp_resort, only: sort_particles
   use gimp_null_space, only: filter_velocities
-  use gimp_run_state, only: stepper_t, hands_on, find_held, usl, musl, phase_particles, phase_sort
+  use gimp_run_state, only: stepper_t, hands_on, newmark, find_held, usl, musl, phase_particles, phase_sort
   implicit none(type, external)
   private
-  public :: run_pass, give_pass, resort, filter_null_space
+  public :: run_pass, give_pass, state_pass, resort, filter_null_space
 
 
 contains
@@ -106,6 +106,16 @@ contains
     give_pass%force = (s%method%scheme == usl .or. s%method%scheme == musl) .and. .not. hands_on(s%method)
     give_pass%time = time
   end function give_pass
+
+  !> The pass that fills the pads as they are between two steps
+  pure type(pass_t) function state_pass(s, time)
+    type(stepper_t), intent(in) :: s
+    real(dp), intent(in) :: time
+    state_pass = give_pass(s, time)
+    if (s%method%integrator /= newmark) return
+    state_pass%force = .false.
+    state_pass%inertia = .true.
+  end function state_pass
 
   !> The message for a particle that went wrong
   subroutine tell_fate(s, b, error)

@@ -19,11 +19,15 @@ module gimp_run_state
   public :: stepper_t, method_t, hands_on, carry_stepper, stepper_bytes, set_bounds, find_held, kinetic_given, momentum_of, weigh
   public :: in_series, flip_now, series_none, series_xpic, series_fmpm, position_grid, position_published, position_new
   public :: symplectic, generalized_alpha, newmark, integrator_of_word
+  public :: power_forces, power_gravity, power_walls, power_damping, power_external, power_lost, n_powers
   public :: usf, usl, musl, usavg, scheme_of_word, damping_none, damping_local, damping_kinetic
   public :: phase_grid, phase_particles, phase_sort, phase_checks, n_phases
 
   integer, parameter :: usf = 1, usl = 2, musl = 3, usavg = 4
   integer, parameter :: symplectic = 1, generalized_alpha = 2, newmark = 3
+  !> Powers that Newmark's kicks are booked by
+  integer, parameter :: power_forces = 1, power_gravity = 2, power_walls = 3, power_damping = 4, power_external = 5, &
+    power_lost = 6, n_powers = 6
   integer, parameter :: damping_none = 0, damping_local = 1, damping_kinetic = 2
   integer, parameter :: series_none = 0, series_xpic = 1, series_fmpm = 2
   integer, parameter :: position_grid = 1 !! x' = x + dt S v+
@@ -78,7 +82,9 @@ module gimp_run_state
     ! for this room only
     logical, allocatable :: held(:) !! (slot) touched by a side of the box
     real(wp), allocatable :: raw(:, :, :) !! sums of pads, when images, loads or spills need them all at once
-    real(wp), allocatable :: memory(:, :, :) !! a second such array: generalised alpha knows two accelerations of a node
+    real(wp), allocatable :: memory(:, :, :) !! a second such array, of generalised alpha (two accelerations) and Newmark (forces)
+    real(dp) :: power(2, n_powers) = 0.0_dp !! Newmark: of what forces do with velocities [W] and accelerations [W/s] of the particles
+    real(dp) :: pull(3) = 0.0_dp !! Newmark: all forces from outside [N]
     real(wp), allocatable :: at_images(:, :) !! (field, image) given to images before they were folded
     real(wp), allocatable :: star(:, :, :) !! (axis, node of block, slot) series of XPIC and FMPM so far [m/s]
     real(dp), allocatable :: star_impulse(:, :) !! (2 axes, slot) what a term of it loses to cut nodes and gets from sides [kg m/s]
@@ -170,6 +176,13 @@ contains
     end do
     call carry(parcel, s%sort_now)
     call carry(parcel, s%kinetic_peak)
+    do k = 1, n_powers
+      call carry(parcel, s%power(1, k))
+      call carry(parcel, s%power(2, k))
+    end do
+    do k = 1, 3
+      call carry(parcel, s%pull(k))
+    end do
     call carry(parcel, s%stored)
     call carry(parcel, s%energy_noise)
     call carry(parcel, s%critical)

@@ -26,6 +26,7 @@ module gimp_saved_state
     logical :: sort_now = .false.
     real(dp) :: kinetic_peak = 0.0_dp !! [J]
     real(dp) :: stored = 0.0_dp !! elastic energy [J]
+    real(dp) :: power(2, 6) = 0.0_dp, pull(3) = 0.0_dp !! of Newmark
   end type clock_t
 
   !> One state

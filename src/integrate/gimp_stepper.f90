@@ -1,6 +1,6 @@
 !> One explicit step, written as the papers write it: a short list of passes over the particles with the nodal equations
 !> between them. USL (Sulsky, Chen & Schreyer 1994), MUSL (Sulsky, Zhou & Schreyer 1995), USF and USAVG (Bardenhagen 2002,
-!> Nairn 2003), all with the symplectic (leap-frog) step; beside them the integrators of gimp_generalized_alpha.
+!> Nairn 2003), all with the symplectic (leap-frog) step; beside them the integrators of gimp_generalized_alpha and gimp_newmark.
 module gimp_stepper
   use gimp_kinds, only: wp, dp, i8
   use gimp_error, only: error_t, raise
@@ -17,9 +17,10 @@ module gimp_stepper
   use gimp_stability, only: critical_step, check_none, strains_plain, strains_after_kick, strains_smoothed
   use gimp_series, only: note_series, smooth_velocity, smooth_strain
   use gimp_generalized_alpha, only: alpha_stage, mapped_limit
-  use gimp_run_state, only: stepper_t, hands_on, symplectic, generalized_alpha, flip_now, series_none, usf, usl, musl, usavg, damping_kinetic, phase_checks, set_bounds, find_held, kinetic_given, &
+  use gimp_newmark, only: begin_newmark, displace_stage, correct_stage, newmark_limit
+  use gimp_run_state, only: stepper_t, hands_on, symplectic, generalized_alpha, newmark, flip_now, series_none, usf, usl, musl, usavg, damping_kinetic, phase_checks, set_bounds, find_held, kinetic_given, &
     momentum_of, weigh
-  use gimp_particle_stage, only: run_pass, give_pass, resort, filter_null_space
+  use gimp_particle_stage, only: run_pass, give_pass, state_pass, resort, filter_null_space
   use gimp_nodal_stage, only: nodal_stage
   use gimp_leaving, only: mark_leaving
   use gimp_undo, only: save_state, recall_state, went_wrong
@@ -41,6 +42,7 @@ contains
     s%round_off_mass = 32.0_wp*epsilon(1.0_wp)*s%cutoff_mass
     s%cutoff_mass = s%method%cutoff*s%cutoff_mass
     call run_pass(s, give_pass(s, s%time), error)
+    if (.not. allocated(error) .and. s%method%integrator == newmark) call begin_newmark(s, error)
     if (allocated(error)) return
     s%books%kinetic = kinetic_given(s)
     s%books%kinetic_start = s%books%kinetic
@@ -99,6 +101,9 @@ contains
     if (s%method%integrator == generalized_alpha) then
       strains = strains_plain
       factor = (2.0_wp/mapped_limit(s%method%spectral_radius))**2
+    else if (s%method%integrator == newmark) then
+      strains = strains_smoothed
+      factor = (2.0_wp/newmark_limit(s%method%newmark_gamma))**2
     else if (s%method%scheme == usl) then
       strains = strains_after_kick
     else if (s%engine%affine /= affine_none .or. s%method%series /= series_none) then
@@ -164,6 +169,10 @@ contains
       call alpha_stage(s, error)
       if (allocated(error)) return
       last%velocity = .true.; last%position = .true.; last%strain = .true.; last%back = 0.0_wp
+    case (-newmark)
+      call displace_stage(s)
+      last%position = .true.; last%strain = .true.; last%own_kick = .true.
+      last%kick = real((1.0_dp - s%method%newmark_gamma)*s%dt, wp)
     case (usl)
       call kick_nodes(s, kick, error)
       if (allocated(error)) return
@@ -207,9 +216,13 @@ contains
       last%position = .true.; last%moved_by_second = .true.; last%strain = .true.; last%dt_strain = real(0.5_dp*s%dt, wp)
     end select
     call finish_pass(s, last, error)
+    if (.not. allocated(error) .and. s%method%integrator == newmark) call correct_stage(s, error)
     if (allocated(error)) return
 
     kinetic = kinetic_given(s)
+    if (s%method%integrator == newmark) then ! whose works change the energy of particles: nodes have none of their own
+      s%books%grid_after = kinetic + s%removed_kinetic
+    end if
     call close_step(s%books, kinetic + s%removed_kinetic)
     s%books%kinetic = kinetic
     s%step = s%step + 1
@@ -293,7 +306,8 @@ contains
     s%books%kinetic = 0.0_dp
     s%kinetic_peak = 0.0_dp
     s%kick_before = 0.0_dp ! leap-frog starts anew with half a kick
-    call run_pass(s, give_pass(s, s%time), error)
+    s%power(1, :) = 0.0_dp
+    call run_pass(s, state_pass(s, s%time), error)
   end subroutine relax
 
 end module gimp_stepper

@@ -7,7 +7,7 @@ module gimp_undo
   use gimp_chunk_state, only: elastic_energy_of
   use gimp_saved_state, only: clock_t, save_particles, recall_particles
   use gimp_run_state, only: stepper_t, find_held, phase_checks
-  use gimp_particle_stage, only: run_pass, give_pass
+  use gimp_particle_stage, only: run_pass, state_pass
   implicit none(type, external)
   private
   public :: save_state, recall_state, went_wrong
@@ -24,7 +24,8 @@ contains
     s%saved%books = s%books
     s%saved%clock = clock_t(time=s%time, step=s%step, particle_steps=s%particle_steps, dt=s%dt, free_dt=s%free_dt, &
                             kick_before=s%kick_before, rate=s%rate, speed=s%speed, strain_rate=s%strain_rate, &
-                            sort_now=s%sort_now, kinetic_peak=s%kinetic_peak, stored=s%stored)
+                            sort_now=s%sort_now, kinetic_peak=s%kinetic_peak, stored=s%stored, &
+                            power=s%power, pull=s%pull)
     s%seconds(phase_checks) = s%seconds(phase_checks) + seconds_now() - start
   end subroutine save_state
 
@@ -37,7 +38,7 @@ contains
     call recall_particles(s%saved, sorted, s%engine)
     if (sorted) call find_held(s)
     associate (clock => s%saved%clock)
-      call run_pass(s, give_pass(s, clock%time), error)
+      call run_pass(s, state_pass(s, clock%time), error)
       s%time = clock%time
       s%step = clock%step
       s%particle_steps = clock%particle_steps
@@ -48,6 +49,8 @@ contains
       s%sort_now = clock%sort_now
       s%kinetic_peak = clock%kinetic_peak
       s%stored = clock%stored
+      s%power = clock%power
+      s%pull = clock%pull
     end associate
     s%books = s%saved%books ! the pass has booked what it counts once more
   end subroutine recall_state

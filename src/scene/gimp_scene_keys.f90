@@ -330,10 +330,12 @@ contains
              when="transfer=flip|apic|tpic|mls")
     call add(t, n, g, "stress_update", kind_word, "where in the step stress is updated", words="usf usl musl usavg", &
              default="?integrator symplectic=musl *=usl")
-    call add(t, n, g, "integrator", kind_word, "time integrator", words="symplectic generalized_alpha", default="symplectic", &
-             planned="newmark implicit")
+    call add(t, n, g, "integrator", kind_word, "time integrator", words="symplectic generalized_alpha newmark", &
+             default="symplectic", planned="implicit")
     call add(t, n, g, "spectral_radius", kind_real, "what a step leaves of the shortest waves; 1: no damping", range="[0,1]", &
              default="0.8", when="integrator=generalized_alpha")
+    call add(t, n, g, "newmark_gamma", kind_real, "weight of the new acceleration in a velocity; above 0.5 waves are damped, at "// &
+             "first order", range="[0.5,1]", default="0.5", when="integrator=newmark")
     call add(t, n, g, "formulation", kind_word, "updated: weights at present places; total: at those of the start, for bodies that "// &
              "start undeformed and touch nothing", words="updated total", default="updated")
     call add(t, n, g, "deformation_update", kind_word, "update of F from the velocity gradient", &
@@ -366,7 +368,7 @@ contains
     call add(t, n, g, "step_rule", kind_word, "adaptive: from the state; uniform: equal steps, from the initial wave speed; "// &
              "fixed: step", words="adaptive uniform fixed", default="adaptive")
     call add(t, n, g, "courant", kind_real, "Courant number; 1 is the step h/(c + v), with generalized_alpha "// &
-             "0.9 of its bifurcation limit over that of leap-frog times it", range="(0,1]", default="0.4", &
+             "and newmark as much as their limits allow of it (docs/method.md)", range="(0,1]", default="0.4", &
              when="step_rule=adaptive|uniform", unless="steps")
     call add(t, n, g, "step", kind_real, "length of a step", unit="s", range="(0,)", required=.true., when="step_rule=fixed")
     call add(t, n, g, "steps", kind_integer, "number of equal steps, in place of courant", range="[1,)", &
