@@ -437,6 +437,7 @@ contains
         a8 = r(i, 3)*r(i, 4) - r(i, 1)*r(i, 6)
         a9 = r(i, 1)*r(i, 5) - r(i, 2)*r(i, 4)
         det = r(i, 1)*a1 + r(i, 2)*a2 + r(i, 3)*a3
+        moving(i) = merge(moving(i), 0.0_wp, det > epsilon(1.0_wp)) ! a flat tensor has no rotation: it stays as it is
         d = moving(i)*0.5_wp/max(det, epsilon(1.0_wp))
         h = moving(i)*0.5_wp ! R <- R + (R^-T - R)/2, or nothing
         a1 = d*a1 - h*r(i, 1); a2 = d*a2 - h*r(i, 2); a3 = d*a3 - h*r(i, 3)
@@ -446,7 +447,7 @@ contains
         r(i, 4) = r(i, 4) + a4; r(i, 5) = r(i, 5) + a5; r(i, 6) = r(i, 6) + a6
         r(i, 7) = r(i, 7) + a7; r(i, 8) = r(i, 8) + a8; r(i, 9) = r(i, 9) + a9
         change = a1*a1 + a2*a2 + a3*a3 + a4*a4 + a5*a5 + a6*a6 + a7*a7 + a8*a8 + a9*a9
-        moving(i) = merge(1.0_wp, 0.0_wp, change > settled**2 .and. det > epsilon(1.0_wp))
+        moving(i) = merge(moving(i), 0.0_wp, change > settled**2)
       end do
       if (all(moving < 0.5_wp)) exit
     end do

@@ -350,7 +350,7 @@ contains
     call add(t, n, g, "mass_cutoff", kind_real, "nodes below this share of the largest particle mass are left out", &
              range="[0,1)", default="1e-12")
     call add(t, n, g, "redistribute_mass", kind_real, "nodes below this share of a full node's mass (least density times h^d) hand "// &
-             "on internal force to the particle's other nodes; takes a pass more with usl and musl; 0: off", range="[0,1)", default="0")
+             "internal force on to the particle's other nodes (a pass more); 0: off", range="[0,1)", default="0")
     call add(t, n, g, "kernel", kind_word, "auto: the fast kernels; list: the plain reference kernel everywhere", &
              words="auto list", default="auto")
     call add(t, n, g, "sort_every", kind_integer, "steps between sorts; 0: only when a support could leave its pad", &

@@ -107,7 +107,7 @@ contains
     call extra_says('&time end = 2 /', "&time: the group may stand once; it stands already in line 5")
     call extra_says('&refine levels = 2 /', "&refine: is planned, not built yet")
     call extra_says('&method integrator = "implicit" /', '&method: integrator = "implicit"; "implicit" is planned, not built '// &
-                    "yet; there is symplectic or generalized_alpha")
+                    "yet; there is symplectic, generalized_alpha or newmark")
     call extra_says('&method mass_cutoff = 1 /', "&method: mass_cutoff = 1; must be at least 0 and below 1")
   end subroutine test_values
 
