@@ -169,6 +169,24 @@ def test_copies_of_a_corner_stay_equal_to_the_last_bit(run_scene, tmp_path, dime
     assert shared > len(copies)/2 and moved > 0.5
 
 
+@pytest.mark.parametrize("domain", ["box", "simplex"])
+def test_a_ring_keeps_as_many_corners_as_its_fill_has(run_scene, tmp_path, domain):
+    """Seven rings of 70 places, the last angle the first: neither copies that part nor places that meet, to the last bit"""
+    run = run_scene(f"""&scene dimension = 2 /
+&grid lower = -2.0, -2.0 upper = 2.0, 2.0 spacing = 0.125 /
+&material name = "rubber" model = "neo_hookean" density = 1000.0 young_modulus = 2.0e4 poisson_ratio = 0.3 /
+&body name = "ring" material = "rubber" shape = "ring" center = 0.1, -0.2 inner_radius = 0.5 outer_radius = 0.9 fill = "polar"
+  radial_particles = 6 angular_particles = 70 velocity = 1.0, 0.7 angular_velocity = 2.0 /
+&method basis = "cpdi2" particle_domain = "{domain}" sort_every = 9 /
+&time end = 1.0 max_steps = 120 /
+&output name = "x" every = 0.0 /
+&restart every_steps = 120 /
+""", tmp_path).succeeded()
+    corners = corners_of(run, 2).values()
+    assert len(corners) == 420*(1 + (domain == "simplex")) and run.summary["sorts"] > 12
+    assert len({(*whole[a], *rest[a]) for whole, rest, _ in corners for a in range(len(whole))}) == 7*70
+
+
 def test_copies_do_not_depend_on_threads_or_kernel(run_scene, tmp_path):
     """The plain kernel moves corners by the very numbers of the fast one; other quantities differ by round-off, which moves corners"""
     runs = []
