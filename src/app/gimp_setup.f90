@@ -272,6 +272,8 @@ contains
       call complain(error, scene, "method", 1, "flip_fraction", "must be 1"//by//", which adds changes to a velocity")
     end if
     if (s%method%scheme /= usl) call complain(error, scene, "method", 1, "stress_update", "must be 'usl'"//by)
+    if (s%method%integrator == newmark .and. integer_of(scene, "method", 1, "null_space_filter") > 0) call complain(error, scene, &
+      "method", 1, "null_space_filter", "cannot be had"//by//", whose velocities are whole only after the pass that would filter them")
     if (s%method%half_start) call complain(error, scene, "method", 1, "half_step_start", "must be .false."//by// &
                                            ", whose velocities are those of the end of a step")
   end subroutine set_up_integrator

@@ -98,7 +98,7 @@ contains
     call extra_says('&output name = run /', '&output: name = run; words and texts stand in quotes: "run"')
     call extra_says('&output nmae = "run" /', '&output: nmae = "run"; there is no such key; did you mean name?')
     call extra_says('&output fields = "velocity", "vorticity" /', '&output: fields = "velocity", "vorticity"; '// &
-                    'there is no such word; known: displacement, velocity, stress, deformation_gradient, pressure, von_mises, '// &
+                    'there is no such word; known: displacement, velocity, stress, smoothed_stress, deformation_gradient, pressure, von_mises, '// &
                     'equivalent_plastic_strain, volume, mass, density, id, material, body, jacobian, half_length, error, '// &
                     'reference_position')
     call extra_says('&output precision = "single" precision = "single" /', &
