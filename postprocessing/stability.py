@@ -6,9 +6,9 @@
   stability.py --methods postprocessing/methods/all.txt --only bases --cases none           Courant numbers only
 
 A method is written as work_precision.py wants it. Each hard case says in its head what its answer is and what the scale of an error is.
-It is survived with exit code 0 and an error of at most ten scales, and without a gain of more than ten times its energy (of which the
-program must warn); it fails cleanly where the program says why; everything else (a wrong answer with exit code 0, numbers that are none, a
-crash, a run without an end) is a silent failure, which is a defect. A Courant number is stable where the run ends with exit code 0 and never has more than twice the energy
+It is survived with exit code 0, an error of at most ten scales, and no more than ten times its energy gained; it fails cleanly where the
+program says why, with exit code 1 or a warning in its closing table; everything else (a wrong answer with exit code 0, numbers that are
+none, a crash, a run without an end) is a silent failure, which is a defect. A Courant number is stable where the run ends with exit code 0 and never has more than twice the energy
 of the scene; equal steps, c that of the pressure wave (the bar: of the bar) at the start.
 
 A row that is in the CSV file is not run again; it is known by method, case, scene and commit. gimp.x is taken from the environment

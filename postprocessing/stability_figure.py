@@ -7,7 +7,7 @@ import stability_runs as st
 COLOURS = {"good": "#1a9850", "fair": "#a6d96a", "poor": "#fee08b", "warned": "#fdae61", "fails": "#9ecae1", "refused": "#d0d0d0", "defect": "#d73027",
            "none": "#ffffff"}
 MEANING = {"good": "survives, error up to 0.1 scale", "fair": "survives, up to 1", "poor": "survives, up to 10",
-           "warned": "ends, and warns: energy from nothing",
+           "warned": "ends, wrong by more, and warns",
            "fails": "fails, says why (× share of time reached)", "refused": "refused", "defect": "silent failure, crash or hang",
            "none": "not in this build, or not run"}
 LIGHT = (COLOURS["good"], COLOURS["defect"])  # behind these, text is white
@@ -103,16 +103,17 @@ def table(grid, form):
 
 
 def messages(rows):
-    """One line for each case, verdict and cause: the first message and how many methods had it"""
+    """One line for each verdict and cause, over the cases of a refusal and the methods of a case: the first message, and how many had it"""
     found = {}
     for row in rows:
         if row["verdict"] not in ("survives", "not in this build"):
-            cause = row["reason"].rsplit(": ", 1)[-1]
-            found.setdefault((row["case"], row["verdict"], cause if row["verdict"] == "fails" else row["reason"]), []).append(row)
+            cause = row["reason"].rsplit(": ", 1)[-1] if row["verdict"] == "fails" else row["reason"]
+            where = row["label"] if row["reason"].startswith("&method") else row["case"]
+            found.setdefault((where, row["verdict"], cause), []).append(row)
     lines = []
-    for (case, verdict, _), same in found.items():
-        others = f" ({len(same)} methods)" if len(same) > 1 else ""
-        lines.append(f"- {case}, {verdict}{others}: {same[0]['label']}: {same[0]['reason']}")
+    for (where, verdict, _), same in found.items():
+        others = f" ({len(same)} {'cases' if where == same[0]['label'] else 'methods'})" if len(same) > 1 else ""
+        lines.append(f"- {where}, {verdict}{others}: {same[0]['label']}: {same[0]['reason']}")
     return [*(lines or ["None failed."]), ""]
 
 

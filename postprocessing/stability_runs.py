@@ -126,11 +126,15 @@ def judge(case, output, problem=None):
     if bad:
         row |= {"verdict": "silent", "reason": f"not finite: {', '.join(bad)}"}
     elif not row["error"] <= TOO_WRONG:
-        row |= {"verdict": "silent", "reason": f"wrong by {row['error']:.3g} scales"}
+        row |= {"verdict": told(output), "reason": f"wrong by {row['error']:.3g} scales"}
     elif not row["energy_gain"] <= TOO_WRONG:
-        warned = "  warning " in Path(output).with_suffix(".log").read_text()
-        row |= {"verdict": "warned" if warned else "silent", "reason": f"gained {row['energy_gain']:.3g} times the energy of the case"}
+        row |= {"verdict": told(output), "reason": f"gained {row['energy_gain']:.3g} times the energy of the case"}
     return row
+
+
+def told(output):
+    """Verdict of a wrong answer with exit code 0: whether the closing table warned of it"""
+    return "warned" if "  warning  " in Path(output).with_suffix(".log").read_text() else "silent"
 
 
 def ending(problem):

@@ -28,6 +28,7 @@ module gimp_report
   end type build_t
 
   real(dp), parameter :: burst = 0.5_dp !! energy drift above which a finished run has little to do with its scene
+  real(dp), parameter :: adrift = 0.1_dp !! the same for momentum lost on nodes without mass, of the largest of the bodies
 
   !> The progress line
   type :: progress_t
@@ -252,6 +253,9 @@ contains
     if (energy_drift(s%books) > burst) call line("  warning            most of this energy came out of nothing: the method is not stable here;" &
                                                  //" shorter steps, musl or a transfer that damps may be")
     call line("  momentum_residual  "//text_of(momentum_residual(s%books, recorder%totals%momentum), 3))
+    if (s%books%cut_momentum > adrift*s%books%momentum_scale) &
+      call line("  warning            nodes with no mass to speak of took "//text_of(s%books%cut_momentum/s%books%momentum_scale, 2) &
+                //" times the largest momentum: the motion is not to be trusted")
     if (recorder%has_solution) then
       call line("  error_rms          "//text_of(recorder%errors%rms/error_scale(recorder%solution), 4) &
                 //"   error_max "//text_of(recorder%errors%max/error_scale(recorder%solution), 4)//"   against " &

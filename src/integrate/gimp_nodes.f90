@@ -267,7 +267,8 @@ contains
   end subroutine book_energy
 
   !> Nodes with too little mass drop what they were given: count them, and the momentum that particles will miss.
-  !> Masses of round-off size are no masses: weights of a node that a domain just touches.
+  !> Masses of round-off size are no masses: weights of a node that a domain just touches. A node without any that was given force
+  !> all the same (smeared gradients reach further than the hats) does count.
   pure subroutine note_cut_nodes(n, step, m, q, sums)
     integer, intent(in) :: n
     type(node_step_t), intent(in) :: step
@@ -281,7 +282,7 @@ contains
       lost = step%pic*q(i, 1:3)
       if (step%stage == stage_full) lost = lost + step%kick*q(i, 5:7)
       sums(book_impulse:book_impulse + 2) = sums(book_impulse:book_impulse + 2) - real(lost, dp)
-      if (q(i, 4) <= step%round_off) cycle
+      if (q(i, 4) <= step%round_off .and. .not. (q(i, 4) <= 0.0_wp .and. any(abs(lost) > 0.0_wp))) cycle
       sums(book_cut) = sums(book_cut) + 1.0_dp
       sums(book_cut_momentum) = sums(book_cut_momentum) + real(sqrt(sum(lost**2)), dp)
     end do

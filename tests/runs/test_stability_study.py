@@ -207,3 +207,13 @@ def test_a_study_goes_on_where_it_was_and_is_drawn(gimp_x, tmp_path, monkeypatch
     assert stability.main(["--methods", f"{LINEAR} stress_update=musl", "--cases", "particle_on_node", "--courant", "none",
                            "--csv", str(tmp_path / "other.csv")]) == 1
     assert "| silent 0.0" in capsys.readouterr().out
+
+
+def test_momentum_lost_at_free_surfaces_is_told(survival, tmp_path):
+    """The dual domain method sends force to nodes that its hats give no mass (docs/method.md): a block in flight is stopped by it"""
+    row = survival(hard("particle_on_node"), "basis=ddmp transfer=flip flip_fraction=1 stress_update=musl")
+    assert row["error"] > 1.0 and gf.summary(tmp_path / "run.vtkhdf")["cut_nodes"] > 1000
+    assert "nodes with no mass to speak of took" in (tmp_path / "run.log").read_text()
+    case = hard("particle_on_node")
+    wrong = st.Case(case.name, case.text, (st.Question("error_rms", "last", "0", "0.1"),))
+    assert survival(wrong, "basis=ddmp transfer=flip flip_fraction=1 stress_update=musl")["verdict"] == "warned"
