@@ -28,7 +28,7 @@ module gimp_report
   end type build_t
 
   real(dp), parameter :: burst = 0.5_dp !! energy drift above which a finished run has little to do with its scene
-  real(dp), parameter :: adrift = 0.1_dp !! the same for momentum lost on nodes without mass, of the largest of the bodies
+  real(dp), parameter :: adrift = 0.01_dp !! the same for momentum lost on nodes without mass, of the largest of the bodies
 
   !> The progress line
   type :: progress_t
