@@ -163,7 +163,7 @@ def draw(rows, path):
     axes.legend(handles=[Patch(facecolor=COLOURS[name], edgecolor="0.7", label=MEANING[name]) for name in COLOURS if name in used],
                   loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3, fontsize=7.5, frameon=False)
     try:
-        figure.savefig(path, dpi=150)
+        figure.savefig(path, dpi=110)
     except (OSError, ValueError) as problem:
         raise gf.GimpError(f"{path}: cannot be written ({problem})") from None
     plt.close(figure)
