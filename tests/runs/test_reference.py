@@ -65,7 +65,7 @@ def test_output_format_names_what_a_run_writes(run_scene, tmp_path):
     assert [name for name in run.history if not is_told(name)] == []
     assert [name for name in run.summary if name not in known] == []
     fields = [word for word in say_words(REFERENCE.read_text(), "fields")]
-    assert len(fields) == 17 and [name for name in fields if name not in known] == []
+    assert len(fields) == 18 and [name for name in fields if name not in known] == []
     assert gimp_files.scene(run.output, "input") == run.scene
 
 
