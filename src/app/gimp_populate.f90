@@ -7,22 +7,20 @@ module gimp_populate
     shape_center
   use gimp_fill, only: fill_t, fill_body_t, fill_bodies
   use gimp_particle_file, only: particle_table_t, read_particle_file
-  use gimp_particles, only: add_field, allot_chunks, clear_chunks, group_t
-  use gimp_basis, only: basis_linear, basis_cpgimp, basis_ddmp, basis_ugimp, longest_half, is_sampled
+  use gimp_particles, only: allot_chunks, clear_chunks, group_t
+  use gimp_basis, only: basis_ugimp, longest_half, is_sampled
   use gimp_corner_domains, only: carried_none, carried_simplex
   use gimp_point_domains, only: half_edges, limit_edges
   use gimp_domains, only: domain_half_lengths
   use gimp_verification, only: verification_t, exact_motion
   use gimp_measures, only: chunk_reference, chunk_deformation
-  use gimp_snapshot, only: needs_reference
-  use gimp_run_state, only: stepper_t, position_published, symplectic
-  use gimp_engine, only: affine_none
-  use gimp_cell_pass, only: evens_strain
+  use gimp_particle_fields, only: announce_fields
+  use gimp_run_state, only: stepper_t
   use gimp_material, only: most_states
   use gimp_loads, only: load_point
   use gimp_start_corners, only: box_at, store_corners, deform_corners, exact_corners, settle_corners, table_corner_fault, corners_in_cells
   use gimp_scene, only: scene_t, count_groups, is_given, real_of, reals_of, integers_of, integer_of, word_of, text_of_key, &
-    texts_of, complain
+    complain
   use gimp_setup, only: body_named
   implicit none(type, external)
   private
@@ -216,9 +214,11 @@ contains
     type(population_t), intent(inout) :: population
     type(error_t), allocatable, intent(out) :: error
     integer, allocatable :: material_of(:)
+    real(wp) :: half(3)
     integer(i8) :: in_material
     integer :: b, m, chunks
-    call announce_fields(scene, s, population)
+    call find_uniform_half(s, population, half)
+    call announce_fields(scene, s, half)
     allocate (material_of(count_groups(scene, "body")))
     do b = 1, size(material_of)
       do m = 1, count_groups(scene, "material")
@@ -281,65 +281,6 @@ contains
       end do
     end do
   end subroutine check_undeformed
-
-  !> The fields that this scene stores, and nothing else
-  subroutine announce_fields(scene, s, population)
-    type(scene_t), intent(in) :: scene
-    type(stepper_t), intent(inout) :: s
-    type(population_t), intent(in) :: population
-    character(len=64), allocatable :: fields(:)
-    character(len=:), allocatable :: historic
-    logical :: reference, face_loads
-    integer :: d, k, states
-    d = scene%dimension
-    associate (p => s%engine%particles)
-      p%dim = d
-      call add_field(p, "position", d, p%position)
-      call add_field(p, "velocity", d, p%velocity)
-      call add_field(p, "deformation", d*d, p%deformation)
-      call add_field(p, "mass", 1, p%mass)
-      call add_field(p, "volume", 1, p%volume)
-      allocate (fields, source=texts_of(scene, "output", 1, "fields"))
-      reference = count_groups(scene, "verification") > 0
-      do k = 1, size(fields)
-        reference = reference .or. needs_reference(trim(fields(k)))
-      end do
-      face_loads = any(s%loads%load%kind /= load_point)
-      call find_uniform_half(s, population, p%uniform_half)
-      if (any(p%uniform_half(:d) <= 0.0_wp) .and. ((s%engine%basis /= basis_linear .and. s%engine%basis /= basis_ddmp) .or. face_loads)) then
-        p%uniform_half = 0.0_wp
-        call add_field(p, "half_length", d, p%half_length, "domains differ in size")
-      end if
-      if (s%engine%basis == basis_cpgimp) call add_field(p, "domain", d, p%domain, "basis = cpgimp")
-      if (s%engine%rule%carried /= carried_none) then
-        call add_field(p, "corner", d*s%engine%rule%n, p%corner, "basis = cpdi2")
-        call add_field(p, "detached", 1, p%detached, "basis = cpdi2")
-        if (s%engine%total_deformation) &
-          call add_field(p, "reference_gradient", d*s%engine%rule%n, p%reference_gradient, "cpdi2_deformation = total")
-      else if (is_sampled(s%engine%basis)) then
-        call add_field(p, "domain", d*d, p%domain, "basis = "//word_of(scene, "method", 1, "basis"))
-      end if
-      if (s%engine%affine /= affine_none) call add_field(p, "affine", d*d, p%affine, &
-        "transfer = "//word_of(scene, "method", 1, "transfer"))
-      if (s%engine%total) call add_field(p, "displacement", d, p%displacement, "formulation = total")
-      if (evens_strain(s%engine)) call add_field(p, "evened_deformation", d*d, p%evened, "anti_locking = " &
-        //word_of(scene, "method", 1, "anti_locking"))
-      if (s%method%position == position_published) call add_field(p, "motion", d, p%motion, &
-        "position_update = published")
-      if (s%method%integrator /= symplectic) call add_field(p, "acceleration", d, p%acceleration, &
-        "integrator = "//word_of(scene, "method", 1, "integrator"))
-      if (reference) call add_field(p, "reference", d, p%reference, "verification or displacement in the output")
-      if (allocated(s%engine%body_force)) call add_field(p, "force", d, p%force, "body force of the solution")
-      if (face_loads) call add_field(p, "faces", 1, p%faces, "loads on faces")
-      states = 0
-      historic = ""
-      do k = 1, size(s%engine%laws)
-        states = max(states, s%engine%laws(k)%law%stored_states(d))
-        if (s%engine%laws(k)%law%states > 0) historic = historic//" "//trim(s%engine%laws(k)%law%name)
-      end do
-      if (states > 0) call add_field(p, "state", states, p%state, "history of"//historic)
-    end associate
-  end subroutine announce_fields
 
   !> Half lengths in cells if all particles share them, else zero
   subroutine find_uniform_half(s, population, half)
