@@ -33,7 +33,8 @@ module gimp_particles
   !> Particles in chunks of `lanes`; a chunk never spans two groups, spare lanes have zero mass
   type :: particles_t
     integer :: dim = 0
-    integer(i8) :: n = 0 !! live particles
+    integer(i8) :: n = 0 !! live particles of this rank
+    integer(i8) :: n_all = 0 !! of all ranks
     integer :: chunks = 0
     integer :: components = 0 !! of all fields together
     type(field_t), allocatable :: fields(:) !! what this scene stores: the one list all else walks
