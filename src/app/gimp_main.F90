@@ -1,10 +1,13 @@
 !> gimp.x < input.nml: the only place that ends the program. Exit codes: 0 done, 1 the run failed, 2 bad input.
+!> All ranks go the same way to the end; the first reads the scene, and only the first says anything.
 program gimp_main
   use gimp_kinds, only: precision_word
   use gimp_error, only: error_t, report_lines
   use gimp_text, only: text_of
   use gimp_file_system, only: file_exists
-  use gimp_scene, only: read_scene, help_text, group_help, write_reference, text_most
+  use gimp_ranks, only: start_ranks, end_ranks, this_rank
+  use gimp_over_ranks, only: share_text, share_error
+  use gimp_scene, only: read_input, parse_scene, help_text, group_help, write_reference, text_most
   use gimp_run, only: run_t, prepare, check_only, run_scene
   use gimp_report, only: build_t
   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
@@ -18,24 +21,27 @@ program gimp_main
   logical :: only_check, failed
 
   build = build_t(GIMP_VERSION, build_commit, GIMP_BUILD)
+  call start_ranks()
   call read_command_line(only_check, restart)
   allocate (run)
-  call read_scene(run%scene, restart, error)
+  if (this_rank == 0) call read_input(text)
+  call share_text(0, text)
+  call parse_scene(text, run%scene, error, restart)
+  call share_error(error) ! files may look different from elsewhere
   if (.not. allocated(error)) call prepare(run, error)
   if (allocated(error)) call tell_mistakes()
   if (only_check) then
     call check_only(run, build, error)
     if (allocated(error)) call tell_mistakes()
-    stop
+    call end_ranks(0)
   end if
   call run_scene(run, build, error, failed)
   if (allocated(error)) then
     if (.not. failed) call tell_mistakes()
-    flush (output_unit)
-    write (error_unit, "(a)") "gimp.x: the run failed: "//error%message
-    call tell_what_is_left()
-    stop 1, quiet=.true.
+    if (this_rank == 0) call tell_failure()
+    call end_ranks(1)
   end if
+  call end_ranks(0)
 
 contains
 
@@ -77,15 +83,15 @@ contains
     if (length > 0) call get_command_argument(k, word)
   end function argument
 
-  !> Print what was asked for and end
+  !> Print what was asked for, once, and end
   subroutine answer(question, about)
     character(len=*), intent(in) :: question, about
     if (command_argument_count() > merge(2, 1, question == "--help")) return
     select case (question)
     case ("--version")
-      write (output_unit, "(a)") "gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//", "//precision_word//" precision)"
+      text = "gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//", "//precision_word//" precision)"
     case ("--reference")
-      call write_reference(output_unit)
+      if (this_rank == 0) call write_reference(output_unit)
     case default
       if (about == "") then
         call help_text(text)
@@ -93,14 +99,15 @@ contains
         call group_help(about, text, error)
         if (allocated(error)) call refuse(error%message)
       end if
-      write (output_unit, "(a)") text
     end select
-    stop
+    if (this_rank == 0 .and. allocated(text)) write (output_unit, "(a)") text
+    call end_ranks(0)
   end subroutine answer
 
   !> Every mistake of the scene, and exit code 2
   subroutine tell_mistakes()
     integer :: n, i, from
+    if (this_rank > 0) call end_ranks(2)
     flush (output_unit)
     n = report_lines(error)
     write (error_unit, "(a)") "gimp.x: "//text_of(n)//trim(merge(" mistake ", " mistakes", n == 1))//" in the scene"
@@ -111,11 +118,13 @@ contains
       from = i + 1
     end do
     write (error_unit, "(a)") "  "//error%message(from:)
-    stop 2, quiet=.true.
+    call end_ranks(2)
   end subroutine tell_mistakes
 
-  !> Where to look after a failure, and only what is really there
-  subroutine tell_what_is_left()
+  !> What went wrong and where to look: only what is really there
+  subroutine tell_failure()
+    flush (output_unit)
+    write (error_unit, "(a)") "gimp.x: the run failed: "//error%message
     if (file_exists(run%recorder%path)) then
       write (error_unit, "(a)") "  committed frames are in "//run%recorder%path
     else
@@ -126,13 +135,13 @@ contains
     else
       write (error_unit, "(a)") "  the failed state could not be written"
     end if
-  end subroutine tell_what_is_left
+  end subroutine tell_failure
 
   !> A command line that is not understood
   subroutine refuse(message)
     character(len=*), intent(in) :: message
-    write (error_unit, "(a)") "gimp.x: "//message
-    stop 2, quiet=.true.
+    if (this_rank == 0) write (error_unit, "(a)") "gimp.x: "//message
+    call end_ranks(2)
   end subroutine refuse
 
 end program gimp_main

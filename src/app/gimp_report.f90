@@ -1,9 +1,12 @@
-!> What a run says on the terminal: header, progress and the closing table, with the same numbers in the output file
+!> What a run says on the terminal: header, progress and the closing table, with the same numbers in the output file.
+!> All ranks measure, the first one speaks.
 module gimp_report
   use gimp_kinds, only: dp, i8, precision_word
   use gimp_error, only: error_t
   use gimp_text, only: text_of, with_thousands, short_number
   use gimp_timer, only: seconds_now
+  use gimp_ranks, only: this_rank, ranks
+  use gimp_over_ranks, only: sum_counts, largest_count
   use gimp_scene, only: scene_t, count_groups, text_of_key, word_of
   use gimp_engine, only: engine_bytes
   use gimp_particles, only: live_bytes, field_t
@@ -19,8 +22,8 @@ module gimp_report
   use, intrinsic :: iso_c_binding, only: c_int
   implicit none(type, external)
   private
-  public :: build_t, progress_t, print_header, start_progress, show_progress, end_progress, print_closing, write_closing, &
-    estimated_steps
+  public :: build_t, progress_t, whole_t, measure_whole, hash_text, print_header, start_progress, show_progress, end_progress, &
+    print_closing, write_closing, estimated_steps
 
   !> How the executable was built
   type :: build_t
@@ -47,6 +50,14 @@ module gimp_report
     integer :: threads = 1
   end type costs_t
 
+  !> What all ranks hold together
+  type :: whole_t
+    integer(i8) :: particles = 0, blocks = 0
+    integer(i8) :: bytes = 0 !! of particles, grid, sort and the state that steps are redone from
+    integer(i8) :: most_bytes = 0 !! of the rank that has most
+    character(len=16) :: hash = "" !! of the state; set by who needs it, it takes a while
+  end type whole_t
+
   interface
     function c_isatty(descriptor) bind(c, name="isatty") result(answer)
       import :: c_int
@@ -71,14 +82,35 @@ contains
     end associate
   end function estimated_steps
 
-  !> Version, scene in words, and what the run will cost
-  subroutine print_header(build, scene, s, continued)
+  !> Measure the whole. Collective
+  subroutine measure_whole(s, whole)
+    type(stepper_t), intent(in) :: s
+    type(whole_t), intent(out) :: whole
+    whole%particles = sum_counts(s%engine%particles%n)
+    whole%blocks = sum_counts(int(s%engine%table%blocks, i8))
+    whole%bytes = sum_counts(stepper_bytes(s))
+    whole%most_bytes = largest_count(stepper_bytes(s))
+  end subroutine measure_whole
+
+  !> Hash of the state in figures and letters. Collective
+  function hash_text(s) result(text)
+    type(stepper_t), intent(in) :: s
+    character(len=16) :: text
+    write (text, "(z16.16)") state_hash(s%engine, s%step, s%time)
+  end function hash_text
+
+  !> Version, scene in words, and what the run will cost. Collective
+  subroutine print_header(build, scene, s, threads, continued)
     type(build_t), intent(in) :: build
     type(scene_t), intent(in) :: scene
     type(stepper_t), intent(in) :: s
+    integer, intent(in) :: threads !! of each rank
     character(len=*), intent(in) :: continued !! what the run goes on from, in words; empty: it starts anew
     character(len=:), allocatable :: cells
+    type(whole_t) :: whole
     integer :: k
+    call measure_whole(s, whole)
+    if (this_rank > 0) return
     cells = text_of(s%engine%grid%cells(1))
     do k = 2, scene%dimension
       cells = cells//" x "//text_of(s%engine%grid%cells(k))
@@ -88,9 +120,9 @@ contains
     if (continued /= "") call line("  continued "//continued)
     call line("  grid       "//cells//" cells of "//text_of(s%engine%grid%spacing)//" m")
     call line("  material   "//material_words())
-    call line("  particles  "//with_thousands(s%engine%particles%n)//" in " &
+    call line("  particles  "//with_thousands(whole%particles)//" in " &
               //plural(count_groups(scene, "body"), "body", "bodies")//", " &
-              //plural(s%engine%table%blocks, "active block of 64 nodes", "active blocks of 64 nodes"))
+              //plural(int(whole%blocks), "active block of 64 nodes", "active blocks of 64 nodes"))
     call line("  method     "//word_of(scene, "method", 1, "basis")//", "//word_of(scene, "method", 1, "stress_update")//", " &
               //transfer_words()//", "//word_of(scene, "method", 1, "deformation_update")//" F")
     call line("  stored     "//text_of(live_bytes(s%engine%particles))//" bytes a particle: "//always_stored())
@@ -98,9 +130,10 @@ contains
       if (s%engine%particles%fields(k)%reason /= "") call line("             "//field_words(s%engine%particles%fields(k)) &
         //" ("//trim(s%engine%particles%fields(k)%reason)//")")
     end do
-    call line("  memory     "//short_number(real(stepper_bytes(s), dp))//"B, " &
-              //text_of(int(stepper_bytes(s)/max(1_i8, s%engine%particles%n)))//" bytes a particle with grid and sort" &
-              //saved_words())
+    call line("  memory     "//short_number(real(whole%bytes, dp))//"B, " &
+              //text_of(int(whole%bytes/max(1_i8, whole%particles)))//" bytes a particle with grid and sort"//saved_words())
+    if (ranks > 1) call line("  ranks      "//text_of(ranks)//" of "//plural(threads, "thread", "threads") &
+                             //"; the fullest holds "//short_number(real(whole%most_bytes, dp))//"B")
     call line("  time       "//text_of(s%time_options%end)//" s in about "//with_thousands(ceiling(estimated_steps(s), i8)) &
               //" steps of "//text_of(s%time_options%end/max(1.0_dp, estimated_steps(s)), 3)//" s")
 
@@ -190,7 +223,7 @@ contains
     type(stepper_t), intent(in) :: s
     character(len=:), allocatable :: text
     real(dp) :: now, share, left
-    if (.not. progress%shown) return
+    if (.not. progress%shown .or. this_rank > 0) return
     now = seconds_now()
     if (now - progress%last < merge(0.2_dp, 10.0_dp, progress%terminal)) return
     progress%last = now
@@ -210,19 +243,22 @@ contains
   !> Leave the progress line
   subroutine end_progress(progress)
     type(progress_t), intent(in) :: progress
+    if (this_rank > 0) return
     if (progress%shown .and. progress%terminal) write (output_unit, "(3a)", advance="no") achar(13), repeat(" ", 78), achar(13)
     flush (output_unit)
   end subroutine end_progress
 
   !> Speed with error: the table every run ends with
-  subroutine print_closing(s, recorder, costs, status)
+  subroutine print_closing(s, whole, recorder, costs, status)
     type(stepper_t), intent(in) :: s
+    type(whole_t), intent(in) :: whole
     type(recorder_t), intent(in) :: recorder
     type(costs_t), intent(in) :: costs
     character(len=*), intent(in) :: status
     real(dp) :: rate, grid, particles, sorting
     integer :: k
     character(len=:), allocatable :: limits
+    if (this_rank > 0) return
     rate = s%particle_steps/max(costs%stepping, 1.0e-9_dp)
     grid = 100.0_dp*s%seconds(phase_grid)/max(costs%stepping, 1.0e-9_dp)
     particles = 100.0_dp*s%seconds(phase_particles)/max(costs%stepping, 1.0e-9_dp)
@@ -242,8 +278,8 @@ contains
     if (s%time_options%redo) call line("  redone             "//plural(int(s%redone_steps), "step", "steps")//" with " &
                                        //plural(int(s%halvings), "halving", "halvings"))
     call line("  speed              "//short_number(rate)//"particle-steps/s on " &
-              //plural(costs%threads, "thread", "threads")//", " &
-              //text_of(1.0e9_dp*costs%threads/max(rate, 1.0e-9_dp), 3)//" ns of a core each")
+              //worker_words(costs%threads)//", " &
+              //text_of(1.0e9_dp*ranks*costs%threads/max(rate, 1.0e-9_dp), 3)//" ns of a core each")
     call line("  seconds            "//text_of(costs%stepping, 3)//" stepping (particles "//text_of(nint(particles)) &
               //" %, grid "//text_of(nint(grid))//" %, sort "//text_of(nint(sorting))//" %), " &
               //text_of(costs%output, 3)//" output, "//text_of(costs%setup, 3)//" set-up")
@@ -264,7 +300,7 @@ contains
                 //text_of(recorder%errors%rms_stress, 3)//" Pa (rms)")
     end if
     call print_counts(s)
-    call line("  state_hash         "//hash_text(s))
+    call line("  state_hash         "//whole%hash)
     call line("  output             "//recorder%path//", "//plural(recorder%frame, "frame", "frames"))
   end subroutine print_closing
 
@@ -293,18 +329,19 @@ contains
 
   end subroutine print_counts
 
-  function hash_text(s) result(text)
-    type(stepper_t), intent(in) :: s
-    character(len=:), allocatable :: text
-    character(len=16) :: buffer
-    write (buffer, "(z16.16)") state_hash(s%engine, s%step, s%time)
-    text = buffer
-  end function hash_text
+  !> "2 threads", "4 ranks of 1 thread"
+  function worker_words(threads) result(words)
+    integer, intent(in) :: threads !! of each rank
+    character(len=:), allocatable :: words
+    words = plural(threads, "thread", "threads")
+    if (ranks > 1) words = text_of(ranks)//" ranks of "//words
+  end function worker_words
 
   !> The closing table as attributes of /summary
-  subroutine write_closing(build, s, recorder, costs, status, error)
+  subroutine write_closing(build, s, whole, recorder, costs, status, error)
     type(build_t), intent(in) :: build
     type(stepper_t), intent(in) :: s
+    type(whole_t), intent(in) :: whole
     type(recorder_t), intent(inout) :: recorder
     type(costs_t), intent(in) :: costs
     character(len=*), intent(in) :: status
@@ -312,11 +349,11 @@ contains
     real(dp) :: rate
     rate = s%particle_steps/max(costs%stepping, 1.0e-9_dp)
     call word("status", status)
-    call whole("steps", s%step)
+    call count("steps", s%step)
     call number("time", s%time)
-    call whole("particles", s%engine%particles%n)
-    call whole("threads", int(costs%threads, i8))
-    call whole("ranks", 1_i8)
+    call count("particles", whole%particles)
+    call count("threads", int(costs%threads, i8))
+    call count("ranks", int(ranks, i8))
     call number("wall_seconds", costs%stepping)
     call number("seconds_setup", costs%setup)
     call number("seconds_output", costs%output)
@@ -325,8 +362,8 @@ contains
     call number("seconds_sort", s%seconds(phase_sort))
     call number("seconds_checks", s%seconds(phase_checks))
     call number("particle_steps_per_second", rate)
-    call number("particle_steps_per_core_second", rate/costs%threads)
-    call number("bytes_per_particle", real(stepper_bytes(s), dp)/max(1_i8, s%engine%particles%n))
+    call number("particle_steps_per_core_second", rate/(ranks*costs%threads))
+    call number("bytes_per_particle", real(whole%bytes, dp)/max(1_i8, whole%particles))
     call number("state_bytes_per_particle", real(live_bytes(s%engine%particles), dp))
     call number("dt_min", min(costs%dt_min, costs%dt_max))
     call number("dt_max", costs%dt_max)
@@ -334,22 +371,22 @@ contains
       call number("critical_step_min", s%least_critical)
       call number("critical_share_max", s%critical_share)
     end if
-    call whole("redone_steps", s%redone_steps)
-    call whole("halvings", s%halvings)
+    call count("redone_steps", s%redone_steps)
+    call count("halvings", s%halvings)
     call number("energy_residual", energy_residual(s%books))
     call number("energy_drift", energy_drift(s%books))
     call number("momentum_residual", momentum_residual(s%books, recorder%totals%momentum))
-    call word("state_hash", hash_text(s))
-    call whole("sorts", s%books%sorts)
-    call whole("clamped_domains", s%books%clamped)
-    call whole("detached_domains", s%books%detached)
-    call whole("wide_chunks", s%books%wide_chunks)
-    call whole("spilled_values", s%books%spilled)
-    call whole("cut_nodes", s%books%cut_nodes)
-    call whole("redistributed_forces", s%books%handed)
+    call word("state_hash", whole%hash)
+    call count("sorts", s%books%sorts)
+    call count("clamped_domains", s%books%clamped)
+    call count("detached_domains", s%books%detached)
+    call count("wide_chunks", s%books%wide_chunks)
+    call count("spilled_values", s%books%spilled)
+    call count("cut_nodes", s%books%cut_nodes)
+    call count("redistributed_forces", s%books%handed)
     call number("redistributed_impulse", s%books%handed_impulse)
-    call whole("removed_particles", s%books%removed_particles)
-    call whole("lost_loads", s%books%lost_loads)
+    call count("removed_particles", s%books%removed_particles)
+    call count("lost_loads", s%books%lost_loads)
     if (s%method%filter_every > 0) call number("filtered_energy", s%books%filtered)
     if (recorder%has_solution) then
       call word("error_solution", solution_name(recorder%solution))
@@ -376,11 +413,11 @@ contains
       if (.not. allocated(error)) call put_summary(recorder%output, name, value, error)
     end subroutine number
 
-    subroutine whole(name, value)
+    subroutine count(name, value)
       character(len=*), intent(in) :: name
       integer(i8), intent(in) :: value
       if (.not. allocated(error)) call put_summary(recorder%output, name, value, error)
-    end subroutine whole
+    end subroutine count
 
     subroutine word(name, value)
       character(len=*), intent(in) :: name, value

@@ -3,6 +3,8 @@ module gimp_run
   use gimp_kinds, only: dp, i8
   use gimp_error, only: error_t, add_error
   use gimp_timer, only: seconds_now
+  use gimp_ranks, only: this_rank
+  use gimp_over_ranks, only: share_error, any_rank, sum_counts
   use gimp_scene, only: scene_t, count_groups, word_of, text_of_key, reals_of, complain
   use gimp_file_system, only: folder_of, folder_writable
   use gimp_verification, only: verification_t
@@ -14,8 +16,8 @@ module gimp_run
   use gimp_populate, only: population_t, count_particles, populate
   use gimp_recorder, only: recorder_t, open_recorder, record_frame, record_row, close_recorder, record_failure, next_frame_time, &
     continue_record
-  use gimp_report, only: build_t, progress_t, costs_t, print_header, start_progress, show_progress, end_progress, &
-    print_closing, write_closing
+  use gimp_report, only: build_t, progress_t, costs_t, whole_t, measure_whole, hash_text, print_header, start_progress, &
+    show_progress, end_progress, print_closing, write_closing
   use gimp_restart, only: restart_t, set_up_restart, check_checkpoint, load_checkpoint, start_checkpoints, checkpoint_due, &
     write_checkpoint, continued_words
   use, intrinsic :: iso_fortran_env, only: output_unit
@@ -37,7 +39,8 @@ module gimp_run
 
 contains
 
-  !> Set the run up as far as bad input can matter; all mistakes are told at once
+  !> Set the run up as far as bad input can matter; all mistakes are told at once. Collective, and so is all that follows: each
+  !> part that may fail on one rank alone ends with the ranks agreeing about it
   subroutine prepare(run, error)
     type(run_t), intent(inout) :: run
     type(error_t), allocatable, intent(out) :: error
@@ -51,18 +54,23 @@ contains
       call count_particles(run%scene, run%stepper, population, problem)
       if (allocated(problem)) call add_error(error, problem%message)
     end if
-    call check_folder(run%scene, error)
+    if (this_rank == 0) call check_folder(run%scene, error)
     call set_up_restart(run%scene, run%restart)
     call check_checkpoint(run%restart, run%scene, error)
+    call share_error(error)
     if (allocated(error)) return
     call populate(run%scene, run%stepper, run%solution, population, error)
+    call share_error(error)
     if (allocated(error)) return
     run%body_first = population%first
     call place_point_loads(run, population, error)
+    call share_error(error)
     if (allocated(error)) return
     if (is_continued(run)) &
       call load_checkpoint(run%restart, run%scene, run%stepper, run%solution, run%body_first, run%recorder, run%costs, error)
+    call share_error(error)
     if (allocated(error)) return
+    run%stepper%engine%particles%n_all = sum_counts(run%stepper%engine%particles%n)
     run%costs%setup = seconds_now() - start
   end subroutine prepare
 
@@ -106,9 +114,10 @@ contains
     type(build_t), intent(in) :: build
     type(error_t), allocatable, intent(out) :: error
     if (.not. is_continued(run)) call start_run(run%stepper, error)
+    call share_error(error)
     if (allocated(error)) return
-    call print_header(build, run%scene, run%stepper, continued_words(run%restart, run%stepper))
-    write (output_unit, "(a)") "  checked: the scene is sound; nothing was run or written"
+    call print_header(build, run%scene, run%stepper, run%costs%threads, continued_words(run%restart, run%stepper))
+    if (this_rank == 0) write (output_unit, "(a)") "  checked: the scene is sound; nothing was run or written"
   end subroutine check_only
 
   !> Run to the end. `failed` tells a run that went wrong from a problem before it started.
@@ -119,13 +128,15 @@ contains
     logical, intent(out) :: failed !! the run had begun: its output holds what was committed
     type(progress_t) :: progress
     type(error_t), allocatable :: ignored
+    type(whole_t) :: whole
     character(len=:), allocatable :: status
     real(dp) :: start
     failed = .false.
     start = seconds_now()
     if (.not. is_continued(run)) call start_run(run%stepper, error)
+    call share_error(error)
     if (allocated(error)) return
-    call print_header(build, run%scene, run%stepper, continued_words(run%restart, run%stepper))
+    call print_header(build, run%scene, run%stepper, run%costs%threads, continued_words(run%restart, run%stepper))
     failed = .true.
     if (is_continued(run)) then
       call continue_record(run%recorder, run%stepper%step, run%restart%lineage, error)
@@ -133,22 +144,27 @@ contains
       call open_recorder(run%scene, run%stepper, run%solution, run%body_first, run%restart%asked, run%recorder, error)
       run%stepper%seconds = 0.0_dp
     end if
+    call share_error(error)
     if (allocated(error)) return
     run%costs%setup = run%costs%setup + seconds_now() - start
     call start_progress(progress, word_of(run%scene, "output", 1, "progress"), run%stepper)
     call step_to_end(run, progress, status, error)
     call end_progress(progress)
+    call measure_whole(run%stepper, whole)
+    whole%hash = hash_text(run%stepper)
     if (allocated(error)) then
       call record_failure(run%recorder, run%stepper, error%message, ignored)
-      run%has_failed_state = .not. allocated(ignored)
-      call write_closing(build, run%stepper, run%recorder, run%costs, "failed", ignored)
+      run%has_failed_state = .not. any_rank(allocated(ignored))
+      call write_closing(build, run%stepper, whole, run%recorder, run%costs, "failed", ignored)
       call close_recorder(run%recorder, ignored)
       return
     end if
-    call write_closing(build, run%stepper, run%recorder, run%costs, status, error)
+    call write_closing(build, run%stepper, whole, run%recorder, run%costs, status, error)
+    call share_error(error)
     if (.not. allocated(error)) call close_recorder(run%recorder, error)
+    call share_error(error)
     if (allocated(error)) return
-    call print_closing(run%stepper, run%recorder, run%costs, status)
+    call print_closing(run%stepper, whole, run%recorder, run%costs, status)
     failed = .false.
   end subroutine run_scene
 
@@ -174,8 +190,10 @@ contains
         until = next_frame_time(run%recorder, end) - s%time
         if (until <= 0.0_dp) until = end - s%time
         call plan_step(s, until, error)
+        call share_error(error)
         if (allocated(error)) return
         call take_step(s, error)
+        call share_error(error)
         if (allocated(error)) return
         run%costs%stepping = run%costs%stepping + seconds_now() - start
         run%costs%dt_min = min(run%costs%dt_min, s%dt)
@@ -184,7 +202,7 @@ contains
         call record(run, frame=s%time >= next_frame_time(run%recorder, end) - 1.0e-9_dp*s%dt, &
                     row=modulo(s%step, int(run%recorder%history_every, i8)) == 0, error=error)
         if (allocated(error)) return
-        if (checkpoint_due(run%restart, s)) call keep_state(run, error)
+        if (any_rank(checkpoint_due(run%restart, s))) call keep_state(run, error)
         if (allocated(error)) return
         call show_progress(progress, s)
       end do
@@ -204,7 +222,9 @@ contains
     if (.not. (frame .or. row)) return
     start = seconds_now()
     call record_row(run%recorder, run%stepper, error)
+    call share_error(error)
     if (frame .and. .not. allocated(error)) call record_frame(run%recorder, run%stepper, error)
+    call share_error(error)
     run%costs%output = run%costs%output + seconds_now() - start
   end subroutine record
 
@@ -215,6 +235,7 @@ contains
     real(dp) :: start
     start = seconds_now()
     call write_checkpoint(run%restart, run%stepper, run%recorder, run%costs, error)
+    call share_error(error)
     run%costs%output = run%costs%output + seconds_now() - start
   end subroutine keep_state
 

@@ -14,30 +14,33 @@ module gimp_scene
   use gimp_scene_help, only: help_text, group_help, write_reference
   implicit none(type, external)
   private
-  public :: scene_t, read_scene, parse_scene, echo_scene, scene_differences, help_text, group_help, write_reference, text_most
+  public :: scene_t, read_input, parse_scene, echo_scene, scene_differences, help_text, group_help, write_reference, text_most
   public :: count_groups, is_given, line_of, complain
   public :: real_of, reals_of, integer_of, integers_of, logical_of, word_of, text_of_key, texts_of
 
 contains
 
-  !> Read standard input to its end, once, and check it. The error holds all mistakes, one per line.
-  subroutine read_scene(scene, restart, error)
-    type(scene_t), intent(out) :: scene
-    character(len=*), intent(in) :: restart !! checkpoint of the command line, in place of &restart from; empty: none
-    type(error_t), allocatable, intent(out) :: error
+  !> Standard input to its end, once, as one text whose lines each end with a new line
+  subroutine read_input(text)
+    character(len=:), allocatable, intent(out) :: text
     type(line_t), allocatable :: lines(:)
     call read_lines(input_unit, lines)
-    call take_lines(lines, restart, scene, error)
-  end subroutine read_scene
+    text = join_lines(lines)
+  end subroutine read_input
 
-  !> The same for a text with new lines inside
-  subroutine parse_scene(text, scene, error)
+  !> A scene from its text, checked. The error holds all mistakes, one per line.
+  subroutine parse_scene(text, scene, error, restart)
     character(len=*), intent(in) :: text
     type(scene_t), intent(out) :: scene
     type(error_t), allocatable, intent(out) :: error
+    character(len=*), intent(in), optional :: restart !! checkpoint of the command line, in place of &restart from; empty: none
     type(line_t), allocatable :: lines(:)
     call split_lines(text, lines)
-    call take_lines(lines, "", scene, error)
+    if (present(restart)) then
+      call take_lines(lines, restart, scene, error)
+    else
+      call take_lines(lines, "", scene, error)
+    end if
   end subroutine parse_scene
 
   subroutine take_lines(lines, restart, scene, error)
