@@ -2,11 +2,14 @@
 !>
 !> Datasets (shapes as Python sees them; transposed here): `position` (n, d), `volume` (n), `mass` (n), and optionally
 !> `velocity` (n, d), `deformation_gradient` (n, d*d) row by row, `half_length` (n, d), `stress` (n, 6) in the order xx, yy, zz, xy,
-!> yz, zx, `id` (n), `corner` (n, corners*d) of the domain as meshes number them, one corner after the other. SI units. Any kind of real number is accepted; writing is in double precision.
+!> yz, zx, `id` (n), `corner` (n, corners*d) of the domain as meshes number them, one corner after the other. SI units. Any kind of
+!> real number is accepted; writing is in double precision. Each rank reads rows of its own.
 module gimp_particle_file
   use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t, raise, add_error
   use gimp_text, only: text_of
+  use gimp_shares, only: share_t, items_of_share
+  use gimp_over_ranks, only: share_error
   use gimp_file_system, only: rename_file
   use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, has_dataset, dataset_shape, read_dataset, write_dataset, &
     write_attribute
@@ -16,7 +19,8 @@ module gimp_particle_file
 
   !> The content of a particle file; what is not in the file is not allocated
   type :: particle_table_t
-    integer(i8) :: n = 0 !! particles
+    integer(i8) :: n = 0 !! particles here
+    integer(i8) :: first = 1 !! row of the first of them in the file
     integer :: dimension = 0 !! d
     real(dp), allocatable :: position(:, :) !! (d, n) [m]
     real(dp), allocatable :: volume(:) !! (n) present volume [m3]; in two dimensions per metre of depth
@@ -31,28 +35,36 @@ module gimp_particle_file
 
 contains
 
-  !> Read a particle file and check it: every mistake in it is told at once
-  subroutine read_particle_file(path, dimension, table, error)
+  !> Read a particle file, or a share of its rows, and check it: every mistake in it is told at once, the same on all ranks.
+  !> Collective
+  subroutine read_particle_file(path, dimension, table, error, share)
     character(len=*), intent(in) :: path
     integer, intent(in) :: dimension !! of the scene: 1, 2 or 3
     type(particle_table_t), intent(out) :: table
     type(error_t), allocatable, intent(out) :: error
+    type(share_t), intent(in), optional :: share !! of the rows; all
     type(hdf5_file_t) :: file
     type(error_t), allocatable :: ignored
+    type(share_t) :: mine
+    if (present(share)) mine = share
     call open_hdf5(path, "read", file, error)
-    if (allocated(error)) return
-    call read_tables(file, dimension, table, error)
-    call close_hdf5(file, ignored) ! nothing can be lost by reading
+    if (.not. allocated(error)) then
+      call read_tables(file, dimension, mine, table, error)
+      call close_hdf5(file, ignored) ! nothing can be lost by reading
+    end if
+    call share_error(error)
     if (allocated(error)) return
     call check_numbers(path, table, error)
   end subroutine read_particle_file
 
-  subroutine read_tables(file, dimension, table, error)
+  subroutine read_tables(file, dimension, share, table, error)
     type(hdf5_file_t), intent(in) :: file
     integer, intent(in) :: dimension
+    type(share_t), intent(in) :: share
     type(particle_table_t), intent(inout) :: table
     type(error_t), allocatable, intent(out) :: error
     integer(i8), allocatable :: extents(:)
+    integer(i8) :: n, rows(2)
     if (.not. has_dataset(file, "position")) then
       call raise(error, file%path//": no dataset position; a particle file needs position, volume and mass")
       return
@@ -65,21 +77,24 @@ contains
         //text_of(dimension)//")")
       return
     end if
-    table%n = extents(2)
-    table%dimension = dimension
-    if (table%n == 0) then
+    n = extents(2)
+    if (n == 0) then
       call raise(error, file%path//": holds no particles")
       return
     end if
-    call read_matrix(file, "position", dimension, table%n, .true., table%position, error)
-    call read_vector(file, "volume", table%n, table%volume, error)
-    call read_vector(file, "mass", table%n, table%mass, error)
-    call read_matrix(file, "velocity", dimension, table%n, .false., table%velocity, error)
-    call read_matrix(file, "deformation_gradient", dimension**2, table%n, .false., table%deformation_gradient, error)
-    call read_matrix(file, "half_length", dimension, table%n, .false., table%half_length, error)
-    call read_matrix(file, "corner", corner_numbers(file, dimension), table%n, .false., table%corner, error)
-    call read_matrix(file, "stress", 6, table%n, .false., table%stress, error)
-    call read_ids(file, table%n, table%id, error)
+    rows = items_of_share(share, n)
+    table%first = rows(1)
+    table%n = rows(2) - rows(1) + 1
+    table%dimension = dimension
+    call read_matrix(file, "position", dimension, n, rows, .true., table%position, error)
+    call read_vector(file, "volume", n, rows, table%volume, error)
+    call read_vector(file, "mass", n, rows, table%mass, error)
+    call read_matrix(file, "velocity", dimension, n, rows, .false., table%velocity, error)
+    call read_matrix(file, "deformation_gradient", dimension**2, n, rows, .false., table%deformation_gradient, error)
+    call read_matrix(file, "half_length", dimension, n, rows, .false., table%half_length, error)
+    call read_matrix(file, "corner", corner_numbers(file, dimension), n, rows, .false., table%corner, error)
+    call read_matrix(file, "stress", 6, n, rows, .false., table%stress, error)
+    call read_ids(file, n, rows, table%id, error)
   end subroutine read_tables
 
   !> Numbers for the corners of a particle: those of a box, unless the file has those of a simplex
@@ -96,12 +111,13 @@ contains
     end if
   end function corner_numbers
 
-  !> A matrix of `rows` components; with one component a vector is accepted
-  subroutine read_matrix(file, name, rows, n, needed, values, error)
+  !> Some rows of a matrix of `components`; with one component a vector is accepted
+  subroutine read_matrix(file, name, components, n, rows, needed, values, error)
     type(hdf5_file_t), intent(in) :: file
     character(len=*), intent(in) :: name
-    integer, intent(in) :: rows
-    integer(i8), intent(in) :: n
+    integer, intent(in) :: components
+    integer(i8), intent(in) :: n !! particles in the file
+    integer(i8), intent(in) :: rows(2) !! first and last to read
     logical, intent(in) :: needed
     real(dp), allocatable, intent(out) :: values(:, :)
     type(error_t), allocatable, intent(inout) :: error
@@ -113,58 +129,64 @@ contains
       return
     end if
     call dataset_shape(file, name, extents, fault)
-    if (size(extents) == 1 .and. rows == 1) extents = [1_i8, extents]
+    if (size(extents) == 1 .and. components == 1) extents = [1_i8, extents]
     if (size(extents) /= 2) then
       call add_error(error, file%path//": "//name//" has "//text_of(size(extents))//" dimensions; must be ("//text_of(n) &
-        //", "//text_of(rows)//")")
+        //", "//text_of(components)//")")
       return
-    else if (any(extents /= [int(rows, i8), n])) then
+    else if (any(extents /= [int(components, i8), n])) then
       call add_error(error, file%path//": "//name//" has shape ("//text_of(extents(2))//", "//text_of(extents(1)) &
-        //"); must be ("//text_of(n)//", "//text_of(rows)//")")
+        //"); must be ("//text_of(n)//", "//text_of(components)//")")
       return
     end if
     call dataset_shape(file, name, extents, fault)
     if (size(extents) == 1) then
-      call read_dataset(file, name, vector, fault)
-      if (.not. allocated(fault)) values = reshape(vector, [1_i8, n])
+      call read_dataset(file, name, vector, fault, rows)
+      if (.not. allocated(fault)) values = reshape(vector, [1_i8, size(vector, kind=i8)])
     else
-      call read_dataset(file, name, values, fault)
+      call read_dataset(file, name, values, fault, rows)
     end if
     if (allocated(fault)) call add_error(error, fault%message)
   end subroutine read_matrix
 
-  subroutine read_vector(file, name, n, values, error)
+  subroutine read_vector(file, name, n, rows, values, error)
     type(hdf5_file_t), intent(in) :: file
     character(len=*), intent(in) :: name
-    integer(i8), intent(in) :: n
+    integer(i8), intent(in) :: n, rows(2) !! as of `read_matrix`
     real(dp), allocatable, intent(out) :: values(:)
     type(error_t), allocatable, intent(inout) :: error
     type(error_t), allocatable :: fault
-    call read_dataset(file, name, values, fault)
-    if (allocated(fault)) then
-      call add_error(error, fault%message)
-    else if (size(values, kind=i8) /= n) then
-      call add_error(error, file%path//": "//name//" has "//text_of(size(values, kind=i8))//" values for "//text_of(n) &
-        //" particles")
-    end if
+    call check_values(file, name, n, fault)
+    if (.not. allocated(fault)) call read_dataset(file, name, values, fault, rows)
+    if (allocated(fault)) call add_error(error, fault%message)
   end subroutine read_vector
 
-  subroutine read_ids(file, n, id, error)
+  subroutine read_ids(file, n, rows, id, error)
     type(hdf5_file_t), intent(in) :: file
-    integer(i8), intent(in) :: n
+    integer(i8), intent(in) :: n, rows(2) !! as of `read_matrix`
     integer(i8), allocatable, intent(out) :: id(:)
     type(error_t), allocatable, intent(inout) :: error
     type(error_t), allocatable :: fault
     if (.not. has_dataset(file, "id")) return
-    call read_dataset(file, "id", id, fault)
-    if (allocated(fault)) then
-      call add_error(error, fault%message)
-    else if (size(id, kind=i8) /= n) then
-      call add_error(error, file%path//": id has "//text_of(size(id, kind=i8))//" values for "//text_of(n)//" particles")
-    end if
+    call check_values(file, "id", n, fault)
+    if (.not. allocated(fault)) call read_dataset(file, "id", id, fault, rows)
+    if (allocated(fault)) call add_error(error, fault%message)
   end subroutine read_ids
 
-  !> Values that no particle can have
+  !> A vector needs a value for each particle
+  subroutine check_values(file, name, n, error)
+    type(hdf5_file_t), intent(in) :: file
+    character(len=*), intent(in) :: name
+    integer(i8), intent(in) :: n
+    type(error_t), allocatable, intent(out) :: error
+    integer(i8), allocatable :: extents(:)
+    call dataset_shape(file, name, extents, error)
+    if (allocated(error) .or. size(extents) /= 1) return ! reading tells of other shapes
+    if (extents(1) /= n) call raise(error, file%path//": "//name//" has "//text_of(extents(1))//" values for "//text_of(n) &
+      //" particles")
+  end subroutine check_values
+
+  !> Values that no particle can have; of each quantity the first is told. Collective
   subroutine check_numbers(path, table, error)
     character(len=*), intent(in) :: path
     type(particle_table_t), intent(in) :: table
@@ -181,29 +203,34 @@ contains
     subroutine check_finite(name, values)
       character(len=*), intent(in) :: name
       real(dp), allocatable, intent(in) :: values(:, :)
+      type(error_t), allocatable :: fault
       integer(i8) :: p
       if (.not. allocated(values)) return
       do p = 1, size(values, 2, kind=i8)
         if (all(is_number(values(:, p)))) cycle
-        call add_error(error, path//": "//name//" of particle "//text_of(p)//" is not a finite number")
-        return
+        call raise(fault, path//": "//name//" of particle "//text_of(table%first + p - 1)//" is not a finite number")
+        exit
       end do
+      call share_error(fault) ! the lowest rank has the lowest rows
+      if (allocated(fault)) call add_error(error, fault%message)
     end subroutine check_finite
 
     subroutine check_positive(name, values)
       character(len=*), intent(in) :: name
       real(dp), intent(in) :: values(:)
+      type(error_t), allocatable :: fault
       integer(i8) :: p
       do p = 1, size(values, kind=i8)
         if (.not. is_number(values(p))) then
-          call add_error(error, path//": "//name//" of particle "//text_of(p)//" is not a finite number")
-          return
+          call raise(fault, path//": "//name//" of particle "//text_of(table%first + p - 1)//" is not a finite number")
         else if (values(p) <= 0.0_dp) then
-          call add_error(error, path//": "//name//" of particle "//text_of(p)//" is "//text_of(values(p)) &
+          call raise(fault, path//": "//name//" of particle "//text_of(table%first + p - 1)//" is "//text_of(values(p)) &
             //"; must be positive")
-          return
         end if
+        if (allocated(fault)) exit
       end do
+      call share_error(fault)
+      if (allocated(fault)) call add_error(error, fault%message)
     end subroutine check_positive
   end subroutine check_numbers
 

@@ -2,6 +2,7 @@
 program test_particle_file
   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
   use gimp_common_kinds, only: dp, i8
+  use gimp_shares, only: share_t
   use gimp_error, only: error_t, report_lines
   use gimp_file_system, only: file_exists, delete_file
   use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, write_dataset, read_attribute
@@ -12,6 +13,7 @@ program test_particle_file
   type(error_t), allocatable :: error
   call begin_suite("particle_file")
   call comes_back()
+  call shares_of_rows()
   call faults_are_told()
   call delete_file(name, error)
   call end_suite()
@@ -64,6 +66,39 @@ contains
     call check_true(.not. (allocated(back%velocity) .or. allocated(back%id)), "what is not in the file is not allocated")
     call vector_in_one_dimension()
   end subroutine comes_back
+
+  !> Shares of the rows make the whole file, and a mistake names the row in the file
+  subroutine shares_of_rows()
+    type(particle_table_t) :: table, part
+    integer(i8) :: rows
+    integer :: k, shares
+    call sample(table)
+    table%stress = reshape([(1.0e6_dp*k, k=1, 18)], [6, 3])
+    table%id = [7_i8, 2_i8**40, 1_i8]
+    call write_particle_file(name, table, error)
+    do shares = 1, 4 ! one more than there are rows
+      rows = 0
+      do k = 0, shares - 1
+        call read_particle_file(name, 2, part, error, share_t(k, shares))
+        call check_true(.not. allocated(error), "share is read")
+        if (allocated(error)) return
+        call check_true(part%first == rows + 1 .and. size(part%volume) == part%n .and. allocated(part%stress) .and. &
+                        .not. allocated(part%velocity), "share: rows, and what the file has")
+        associate (last => rows + part%n)
+          call check_true(all(part%position == table%position(:, rows + 1:last)) .and. all(part%mass == table%mass(rows + 1:last)) &
+            .and. all(part%stress == table%stress(:, rows + 1:last)) .and. all(part%id == table%id(rows + 1:last)), "share: values")
+        end associate
+        rows = rows + part%n
+      end do
+      call check(int(rows), 3, "shares: all rows")
+    end do
+    table%mass(3) = -1.0_dp
+    call write_particle_file(name, table, error)
+    call read_particle_file(name, 2, part, error, share_t(1, 2))
+    call told("negative mass in the second share", "mass of particle 3 is -1; must be positive")
+    call read_particle_file(name, 2, part, error, share_t(0, 2))
+    call check_true(.not. allocated(error), "the first share is sound")
+  end subroutine shares_of_rows
 
   subroutine vector_in_one_dimension()
     type(particle_table_t) :: back
