@@ -5,6 +5,7 @@
 !> least 84 bits from the leading one of the largest term, so that a sum is exact but for 2^-84 of that term for each of them.
 module gimp_exact_sum
   use gimp_common_kinds, only: dp, i8
+  use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
   implicit none(type, external)
   private
   public :: words_of_sum, wide_sum_t, add_exactly, pack_sum, merge_sums, value_of_sum
@@ -20,12 +21,12 @@ module gimp_exact_sum
   !> A sum under way in one thread
   type :: wide_sum_t
     integer(i8) :: top = empty
-    integer(i8) :: bin(-1:bins) = 0
+    integer(i8) :: bin(0:bins) = 0
   end type wide_sum_t
 
 contains
 
-  !> sum <- sum + value, at most 2^31 times
+  !> sum <- sum + value. All parts that are merged may have 2^31 terms together
   pure subroutine add_exactly(sum, value)
     type(wide_sum_t), intent(inout) :: sum
     real(dp), intent(in) :: value
@@ -92,27 +93,23 @@ contains
     if (down < kept) bin(down + 1:) = words(2:words_of_sum - down)
   end function lowered
 
-  !> The sum, rounded
+  !> The sum, rounded to within one unit in the last place; too large is infinite
   pure real(dp) function value_of_sum(words) result(value)
     integer(i8), intent(in) :: words(words_of_sum)
-    integer(i8) :: bin(0:kept)
+    integer(i8) :: bin(0:kept), way
     real(dp) :: high, low, next
-    integer :: k, unit
+    integer :: k, unit, down
     value = 0.0_dp
     if (words(1) == empty) return
     if (words(1) == broken) then
-      value = huge(value)
-      value = value*value ! what terms that are not numbers add up to
-      value = value - value
+      value = ieee_value(value, ieee_quiet_nan)
       return
     end if
-    bin(0) = 0
-    bin(1:) = words(2:)
-    do k = kept, 1, -1 ! digits of 32 bits, so that what follows is exact
-      bin(k - 1) = bin(k - 1) + shifta(bin(k), 32)
-      bin(k) = iand(bin(k), digit)
-    end do
-    unit = int(32*(words(1) + 1)) - lowest ! of bin(0)
+    bin = carried([0_i8, words(2:)])
+    way = merge(-1_i8, 1_i8, bin(0) < 0)
+    if (way < 0) bin = carried(-bin) ! a positive sum: its leading digit is no larger than the sum itself
+    down = merge(128, 0, words(1) > bins/2) ! digits of a sum of huge numbers are kept from overflow
+    unit = int(32*(words(1) + 1)) - lowest - down ! of bin(0)
     high = 0.0_dp
     low = 0.0_dp
     do k = 0, kept
@@ -121,7 +118,19 @@ contains
       low = low + ((high - value) + next) ! |high| >= |next|, or high is zero
       high = value
     end do
-    value = high + low
+    value = way*scale(high + low, down)
   end function value_of_sum
+
+  !> Digits from 0 to 2^32 - 1 in all bins but the first, which is exact
+  pure function carried(sums) result(bin)
+    integer(i8), intent(in) :: sums(0:)
+    integer(i8) :: bin(0:ubound(sums, 1))
+    integer :: k
+    bin = sums
+    do k = ubound(bin, 1), 1, -1
+      bin(k - 1) = bin(k - 1) + shifta(bin(k), 32)
+      bin(k) = iand(bin(k), digit)
+    end do
+  end function carried
 
 end module gimp_exact_sum
