@@ -107,3 +107,44 @@ function(gimp_add_suite room name suite suffix precision backend)
     target_link_libraries(${suite} PRIVATE ${used})
   endforeach()
 endfunction()
+
+# How programs that run on several ranks are started: `-n N program`. The environment is for Open MPI (4, then 5): more ranks than
+# cores, root in containers, ranks that wait leave their core to others; other libraries do not read it
+set(GIMP_MPIRUN ${MPIEXEC_EXECUTABLE} ${MPIEXEC_PREFLAGS} ${MPIEXEC_NUMPROC_FLAG})
+set(GIMP_RANK_ENVIRONMENT OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+  OMPI_MCA_rmaps_base_oversubscribe=1 OMPI_MCA_mpi_yield_when_idle=1 OMPI_MCA_hwloc_base_binding_policy=none
+  PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe PRTE_MCA_hwloc_default_binding_policy=none)
+
+# gimp_add_rank_test(ROOM test_name RANKS n... [USES room...]): a suite that ends with end_ranks. It runs as ROOM.test_name.serial and, with
+# each way of working together that is built, as ROOM.test_name.mpi.n and ROOM.test_name.coarray.n
+function(gimp_add_rank_test room name)
+  cmake_parse_arguments(TEST "" "" "RANKS;USES" ${ARGN})
+  foreach(needed IN LISTS room TEST_USES)
+    if(NOT TARGET gimp_${needed})
+      return()
+    endif()
+  endforeach()
+  foreach(backend serial mpi coarray)
+    if(NOT TARGET gimp_ranks_${backend})
+      continue()
+    endif()
+    set(suite ${name}_${backend})
+    add_executable(${suite} unit/${room}/${name}.f90)
+    set_target_properties(${suite} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests"
+      Fortran_MODULE_DIRECTORY "${CMAKE_BINARY_DIR}/modules/tests/${suite}")
+    target_link_libraries(${suite} PRIVATE gimp_check gimp_ranks_${backend} gimp_${room})
+    foreach(needed IN LISTS TEST_USES)
+      target_link_libraries(${suite} PRIVATE gimp_${needed})
+    endforeach()
+    if(backend STREQUAL serial)
+      add_test(NAME ${room}.${name}.serial COMMAND ${suite})
+      set_tests_properties(${room}.${name}.serial PROPERTIES LABELS unit TIMEOUT 60)
+      continue()
+    endif()
+    foreach(ranks IN LISTS TEST_RANKS)
+      set(test ${room}.${name}.${backend}.${ranks})
+      add_test(NAME ${test} COMMAND ${GIMP_MPIRUN} ${ranks} $<TARGET_FILE:${suite}>)
+      set_tests_properties(${test} PROPERTIES LABELS unit TIMEOUT 60 PROCESSORS ${ranks} ENVIRONMENT "${GIMP_RANK_ENVIRONMENT}")
+    endforeach()
+  endforeach()
+endfunction()

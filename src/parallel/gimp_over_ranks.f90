@@ -5,6 +5,7 @@ module gimp_over_ranks
   use gimp_error, only: error_t, raise
   use gimp_exact_sum, only: words_of_sum, wide_sum_t, add_exactly, pack_sum, merge_sums, value_of_sum
   use gimp_ranks, only: this_rank, ranks, share_words, sum_words, largest_words, reduce_sums
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_value, ieee_quiet_nan
   use omp_lib, only: omp_get_max_threads
   implicit none(type, external)
   private
@@ -90,12 +91,13 @@ contains
     real(dp), intent(inout) :: values(:)
     integer(i8) :: words(size(values))
     if (ranks == 1) return
+    where (ieee_is_nan(values)) values = ieee_value(values, ieee_quiet_nan) ! without the sign that processors give theirs
     words = in_order(transfer(values, words))
     call largest_words(words)
     values = transfer(in_order(words), values)
   end subroutine largest_reals
 
-  !> Smallest values over all ranks. Collective
+  !> Smallest values over all ranks; one that is not a number is the smallest of all. Collective
   subroutine smallest_reals(values)
     real(dp), intent(inout) :: values(:)
     values = -values

@@ -3,8 +3,8 @@
 !> The words of this module have three bodies, chosen by the program that is linked: one process alone (`serial`), processes that
 !> send messages (`mpi`), images of coarrays (`coarray`). Nothing outside this room knows which. All ranks must call a
 !> collective procedure, in the same order. Everything travels as 64-bit words; other types are views of those.
+!> What it costs is counted in gimp_traffic.
 module gimp_ranks
-  use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr
   use gimp_common_kinds, only: i8
   implicit none(type, external)
   private
@@ -20,7 +20,7 @@ module gimp_ranks
   !> Messages that go between the same ranks again and again: pads of blocks at borders
   type :: channel_t
     integer, allocatable :: to(:), from(:) !! ranks
-    integer(i8), allocatable :: to_first(:), from_first(:) !! (messages + 1) where each begins in its buffer, in words from 1
+    integer(i8), allocatable :: to_first(:), from_first(:) !! (messages + 1) where each has its room in its buffer, in words from 1
     integer(i8), allocatable :: to_words(:) !! words of each message this time, at most its room
     integer(i8), allocatable :: from_words(:) !! words that came
     integer(i8), pointer, contiguous :: out(:) => null(), in(:) => null() !! the buffers

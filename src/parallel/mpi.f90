@@ -2,12 +2,16 @@
 submodule(gimp_ranks) gimp_ranks_mpi
   use mpi_f08
   use, intrinsic :: iso_c_binding, only: c_f_pointer
+  use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
+  use gimp_common_kinds, only: dp
+  use gimp_timer, only: seconds_now
+  use gimp_traffic, only: book, of_pads, of_lists, of_all
   use gimp_exact_sum, only: words_of_sum, merge_sums
   implicit none(type, external)
   type(MPI_Op) :: merging = MPI_OP_NULL !! of exact sums
   type(MPI_Datatype) :: one_sum = MPI_DATATYPE_NULL
   integer, parameter :: pads = 1, lists = 2 !! tags
-  integer(i8), parameter :: most = 2_i8**27 !! words in one message of a list: a count is a default integer
+  integer(i8), parameter :: most = 2_i8**27 !! words in one message; longer ones go in pieces: a count is a default integer
 contains
 
   module procedure start_ranks
@@ -22,48 +26,74 @@ contains
   end procedure start_ranks
 
   module procedure end_ranks
+    flush (output_unit) ! before anyone leaves: mpirun kills the others once one has left with another code than 0
+    flush (error_unit)
+    call MPI_Barrier(MPI_COMM_WORLD)
     call MPI_Finalize()
     stop code, quiet=.true.
   end procedure end_ranks
 
   module procedure end_all_ranks
+    flush (output_unit)
+    flush (error_unit)
     call MPI_Abort(MPI_COMM_WORLD, code)
     stop code, quiet=.true. ! not reached
   end procedure end_all_ranks
 
   module procedure wait_for_ranks
+    real(dp) :: since
+    since = seconds_now()
     call MPI_Barrier(MPI_COMM_WORLD)
+    call book(of_all, 1_i8, 0_i8, since)
   end procedure wait_for_ranks
 
   module procedure share_words
+    real(dp) :: since
     integer(i8) :: i, n
+    since = seconds_now()
     do i = 1, size(words, kind=i8), most
       n = min(most, size(words, kind=i8) - i + 1)
       call MPI_Bcast(words(i:i + n - 1), int(n), MPI_INTEGER8, root, MPI_COMM_WORLD)
     end do
+    call book(of_all, 1_i8, merge(size(words, kind=i8), 0_i8, this_rank == root), since)
   end procedure share_words
 
   module procedure gather_words
+    real(dp) :: since
+    since = seconds_now()
     call MPI_Allgather(mine, size(mine), MPI_INTEGER8, all, size(mine), MPI_INTEGER8, MPI_COMM_WORLD)
+    call book(of_all, 1_i8, size(mine, kind=i8), since)
   end procedure gather_words
 
   module procedure sum_words
+    real(dp) :: since
+    since = seconds_now()
     call MPI_Allreduce(MPI_IN_PLACE, words, size(words), MPI_INTEGER8, MPI_SUM, MPI_COMM_WORLD)
+    call book(of_all, 1_i8, size(words, kind=i8), since)
   end procedure sum_words
 
   module procedure largest_words
+    real(dp) :: since
+    since = seconds_now()
     call MPI_Allreduce(MPI_IN_PLACE, words, size(words), MPI_INTEGER8, MPI_MAX, MPI_COMM_WORLD)
+    call book(of_all, 1_i8, size(words, kind=i8), since)
   end procedure largest_words
 
   module procedure words_before
     integer(i8) :: mine(size(words))
+    real(dp) :: since
+    since = seconds_now()
     mine = words
     call MPI_Exscan(mine, words, size(words), MPI_INTEGER8, MPI_SUM, MPI_COMM_WORLD)
     if (this_rank == 0) words = 0 ! MPI leaves it undefined there
+    call book(of_all, 1_i8, size(words, kind=i8), since)
   end procedure words_before
 
   module procedure reduce_sums
+    real(dp) :: since
+    since = seconds_now()
     call MPI_Allreduce(MPI_IN_PLACE, words, size(words, 2), one_sum, merging, MPI_COMM_WORLD)
+    call book(of_all, 1_i8, size(words, kind=i8), since)
   end procedure reduce_sums
 
   !> MPI asks for this when it merges
@@ -80,19 +110,20 @@ contains
 
   module procedure exchange_words
     type(MPI_Request), allocatable :: request(:)
-    integer(i8) :: first, at, n, pieces
+    integer(i8) :: first, at, n
+    real(dp) :: since
     integer :: k, r
+    since = seconds_now()
     call MPI_Alltoall(to_count, 1, MPI_INTEGER8, from_count, 1, MPI_INTEGER8, MPI_COMM_WORLD)
     allocate (from(sum(from_count)))
-    pieces = sum((from_count + most - 1)/most) + sum((to_count + most - 1)/most)
-    allocate (request(pieces))
+    allocate (request(sum(pieces(from_count)) + sum(pieces(to_count))))
     k = 0
     first = 1
     do r = 0, ranks - 1
       do at = 0, from_count(r) - 1, most
         n = min(most, from_count(r) - at)
         k = k + 1
-        call receive(from(first + at:first + at + n - 1), int(n), r, request(k))
+        call receive(from(first + at:first + at + n - 1), int(n), r, lists, request(k))
       end do
       first = first + from_count(r)
     end do
@@ -101,82 +132,107 @@ contains
       do at = 0, to_count(r) - 1, most
         n = min(most, to_count(r) - at)
         k = k + 1
-        call send(to(first + at:first + at + n - 1), int(n), r, request(k))
+        call send(to(first + at:first + at + n - 1), int(n), r, lists, request(k))
       end do
       first = first + to_count(r)
     end do
     call MPI_Waitall(k, request, MPI_STATUSES_IGNORE)
+    n = to_count(this_rank)
+    call book(of_lists, int(count(to_count > 0), i8) - merge(1, 0, n > 0), sum(to_count) - n, since)
   end procedure exchange_words
 
-  !> Begin to receive a list
-  subroutine receive(words, n, rank, request)
-    integer(i8), intent(inout), asynchronous :: words(*)
-    integer, intent(in) :: n, rank
+  !> Messages that so many words are sent in
+  pure elemental integer(i8) function pieces(words)
+    integer(i8), intent(in) :: words
+    pieces = (words + most - 1)/most
+  end function pieces
+
+  !> Begin to receive a message
+  subroutine receive(words, n, rank, tag, request)
+    integer(i8), intent(inout), asynchronous, target :: words(*)
+    integer, intent(in) :: n, rank, tag
     type(MPI_Request), intent(out) :: request
-    call MPI_Irecv(words, n, MPI_INTEGER8, rank, lists, MPI_COMM_WORLD, request)
+    call MPI_Irecv(words, n, MPI_INTEGER8, rank, tag, MPI_COMM_WORLD, request)
   end subroutine receive
 
-  !> Begin to send a list
-  subroutine send(words, n, rank, request)
-    integer(i8), intent(in), asynchronous :: words(*)
-    integer, intent(in) :: n, rank
+  !> Begin to send a message
+  subroutine send(words, n, rank, tag, request)
+    integer(i8), intent(in), asynchronous, target :: words(*)
+    integer, intent(in) :: n, rank, tag
     type(MPI_Request), intent(out) :: request
-    call MPI_Isend(words, n, MPI_INTEGER8, rank, lists, MPI_COMM_WORLD, request)
+    call MPI_Isend(words, n, MPI_INTEGER8, rank, tag, MPI_COMM_WORLD, request)
   end subroutine send
 
   module procedure open_channel
-    allocate (channel%out(channel%to_first(size(channel%to) + 1) - 1), channel%in(channel%from_first(size(channel%from) + 1) - 1))
-    allocate (channel%to_words(size(channel%to)), channel%from_words(size(channel%from)), source=0_i8)
-    allocate (channel%request(size(channel%to) + size(channel%from)))
+    integer :: n
+    n = size(channel%to)
+    associate (to => channel%to_first(n + 1), from => channel%from_first(size(channel%from) + 1))
+      allocate (channel%out(to - 1), channel%in(from - 1))
+    end associate
+    allocate (channel%to_words(n), channel%from_words(size(channel%from)), source=0_i8)
+    allocate (channel%request(sum(pieces(rooms(channel%to_first))) + sum(pieces(rooms(channel%from_first)))))
   end procedure open_channel
 
+  !> Words that each message may have
+  pure function rooms(first)
+    integer(i8), intent(in) :: first(:)
+    integer(i8) :: rooms(size(first) - 1)
+    rooms = first(2:) - first(:size(first) - 1)
+  end function rooms
+
   module procedure close_channel
+    call finish_exchange(channel)
     if (associated(channel%out)) deallocate (channel%out, channel%in)
     channel = channel_t()
   end procedure close_channel
 
   module procedure start_exchange
     type(MPI_Request) :: request
-    integer :: k
+    integer(i8) :: at, n, last
+    integer :: k, p
+    p = 0
     do k = 1, size(channel%from)
-      call begin_receive(channel%in(channel%from_first(k):channel%from_first(k + 1) - 1), &
-                         int(channel%from_first(k + 1) - channel%from_first(k)), channel%from(k), request)
-      channel%request(k) = request%mpi_val
+      do at = channel%from_first(k), channel%from_first(k + 1) - 1, most
+        n = min(most, channel%from_first(k + 1) - at)
+        call receive(channel%in(at:at + n - 1), int(n), channel%from(k), pads, request)
+        p = p + 1
+        channel%request(p) = request%mpi_val
+      end do
     end do
     do k = 1, size(channel%to)
-      call begin_send(channel%out(channel%to_first(k):channel%to_first(k) + channel%to_words(k) - 1), int(channel%to_words(k)), &
-                      channel%to(k), request)
-      channel%request(size(channel%from) + k) = request%mpi_val
+      last = channel%to_first(k) + channel%to_words(k) - 1
+      do at = channel%to_first(k), channel%to_first(k + 1) - 1, most ! as many pieces as the receiver expects
+        n = max(0_i8, min(most, last - at + 1))
+        call send(channel%out(at:at + n - 1), int(n), channel%to(k), pads, request)
+        p = p + 1
+        channel%request(p) = request%mpi_val
+      end do
     end do
     channel%under_way = .true.
   end procedure start_exchange
 
-  subroutine begin_receive(words, n, rank, request)
-    integer(i8), intent(inout), asynchronous :: words(*)
-    integer, intent(in) :: n, rank
-    type(MPI_Request), intent(out) :: request
-    call MPI_Irecv(words, n, MPI_INTEGER8, rank, pads, MPI_COMM_WORLD, request)
-  end subroutine begin_receive
-
-  subroutine begin_send(words, n, rank, request)
-    integer(i8), intent(in), asynchronous :: words(*)
-    integer, intent(in) :: n, rank
-    type(MPI_Request), intent(out) :: request
-    call MPI_Isend(words, n, MPI_INTEGER8, rank, pads, MPI_COMM_WORLD, request)
-  end subroutine begin_send
-
   module procedure finish_exchange
-    type(MPI_Request) :: request(size(channel%request))
-    type(MPI_Status) :: status(size(channel%request))
-    integer :: k, n
+    type(MPI_Request), allocatable :: request(:)
+    type(MPI_Status), allocatable :: status(:)
+    integer(i8) :: at
+    real(dp) :: since
+    integer :: k, n, p
     if (.not. channel%under_way) return
+    since = seconds_now()
+    allocate (request(size(channel%request)), status(size(channel%request)))
     request%mpi_val = channel%request
     call MPI_Waitall(size(request), request, status)
+    p = 0
+    channel%from_words = 0
     do k = 1, size(channel%from)
-      call MPI_Get_count(status(k), MPI_INTEGER8, n)
-      channel%from_words(k) = n
+      do at = channel%from_first(k), channel%from_first(k + 1) - 1, most
+        p = p + 1
+        call MPI_Get_count(status(p), MPI_INTEGER8, n)
+        channel%from_words(k) = channel%from_words(k) + n
+      end do
     end do
     channel%under_way = .false.
+    call book(of_pads, int(size(channel%to), i8), sum(channel%to_words), since)
   end procedure finish_exchange
 
 end submodule gimp_ranks_mpi

@@ -44,7 +44,8 @@ contains
   end procedure exchange_words
 
   module procedure open_channel
-    allocate (channel%out(0), channel%in(0), channel%to_words(0), channel%from_words(0)) ! there is nobody to send to
+    allocate (channel%out(channel%to_first(size(channel%to) + 1) - 1), channel%in(channel%from_first(size(channel%from) + 1) - 1))
+    allocate (channel%to_words(size(channel%to)), channel%from_words(size(channel%from)), source=0_i8)
   end procedure open_channel
 
   module procedure close_channel
@@ -53,6 +54,12 @@ contains
   end procedure close_channel
 
   module procedure start_exchange
+    integer :: k
+    do k = 1, size(channel%to)
+      channel%in(channel%from_first(k):channel%from_first(k) + channel%to_words(k) - 1) = &
+        channel%out(channel%to_first(k):channel%to_first(k) + channel%to_words(k) - 1)
+    end do
+    channel%from_words = channel%to_words
   end procedure start_exchange
 
   module procedure finish_exchange

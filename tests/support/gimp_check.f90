@@ -7,7 +7,7 @@ module gimp_check
   use, intrinsic :: iso_fortran_env, only: error_unit, output_unit
   implicit none(type, external)
   private
-  public :: begin_suite, end_suite, check, check_true
+  public :: begin_suite, end_suite, suite_failed, check, check_true
 
   integer :: made = 0, failed = 0
   character(len=64) :: suite = ""
@@ -27,9 +27,14 @@ contains
   end subroutine begin_suite
 
   subroutine end_suite()
-    write (output_unit, "(2a,i0,a,i0,a)") trim(suite), ": ", made - failed, " of ", made, " checks passed"
-    if (failed > 0 .or. made == 0) stop 1, quiet=.true.
+    if (suite_failed()) stop 1, quiet=.true.
   end subroutine end_suite
+
+  !> The closing line, and whether a check failed or none was made; for suites on several ranks, which end together
+  logical function suite_failed()
+    write (output_unit, "(2a,i0,a,i0,a)") trim(suite), ": ", made - failed, " of ", made, " checks passed"
+    suite_failed = failed > 0 .or. made == 0
+  end function suite_failed
 
   subroutine check_true(claim, what)
     logical, intent(in) :: claim
