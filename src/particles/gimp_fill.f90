@@ -11,14 +11,19 @@
 !>
 !> Who owns a point: a later body takes only what no earlier one holds; `subtract` carves all bodies above it in the list,
 !> and what it frees is open to bodies below it.
+!>
+!> Shares: each of several fills its own rows of a lattice (sectors of a polar fill), of every body. What the shares of a body hold
+!> is, one after the other, what one fill of it holds, bit for bit.
 module gimp_fill
   use gimp_kinds, only: dp, i8, pi
   use gimp_error, only: error_t, add_error
   use gimp_text, only: text_of
+  use gimp_shares, only: share_t, items_of_share
   use gimp_shapes, only: shape_t, inside, shape_bounds, check_shape, shape_none, shape_ring, shape_sphere, unbounded
   implicit none(type, external)
   private
-  public :: fill_t, fill_body_t, fill_bodies, face_x_low, face_x_high, face_y_low, face_y_high, face_z_low, face_z_high
+  public :: fill_t, fill_body_t, fill_bodies, count_share, check_counts, fill_share
+  public :: face_x_low, face_x_high, face_y_low, face_y_high, face_z_low, face_z_high
 
   !> Bits of `faces`, as for btest
   integer, parameter :: face_x_low = 0, face_x_high = 1, face_y_low = 2, face_y_high = 3, face_z_low = 4, face_z_high = 5
@@ -36,8 +41,9 @@ module gimp_fill
     logical :: simplices = .false. !! cut into triangles or tetrahedra; with `corners`
   end type fill_body_t
 
-  !> The particles of all bodies, in the order of the bodies
+  !> The particles of all bodies, in the order of the bodies; or a share of those of each body
   type :: fill_t
+    type(share_t) :: share
     integer(i8) :: n = 0
     real(dp), allocatable :: position(:, :) !! (dim, n) absolute [m]
     real(dp), allocatable :: volume(:) !! (n) [m3; per unit thickness in 2D]
@@ -45,7 +51,7 @@ module gimp_fill
     integer, allocatable :: faces(:) !! (n) bit mask: no particle of the same body next to it there; polar fill and simplices: 0
     real(dp), allocatable :: corner(:, :, :) !! (dim, corners, n) of domains [m], if some body keeps them
     logical, allocatable :: keeps(:) !! (bodies) it keeps the corners of its domains
-    integer(i8), allocatable :: first(:), count(:) !! (bodies) where a body starts, and how many particles it has
+    integer(i8), allocatable :: first(:), count(:) !! (bodies) where a body starts here, and how many particles it has here
   end type fill_t
 
   !> Grid points at which one body may have particles
@@ -69,41 +75,77 @@ contains
     type(fill_body_t), intent(in) :: bodies(:)
     type(fill_t), intent(out) :: result
     type(error_t), allocatable, intent(out) :: error
-    integer, allocatable :: rivals(:)
-    type(lattice_t) :: lattice
-    integer(i8) :: n
-    integer :: b, pass, outside
+    integer, allocatable :: outside(:)
+    call count_share(dim, lower, spacing, cells, bodies, share_t(), result, outside, error)
+    if (.not. allocated(error)) call check_counts(dim, lower, spacing, cells, bodies, result%count, outside, error)
+    if (.not. allocated(error)) call fill_share(dim, lower, spacing, cells, bodies, result)
+  end subroutine fill_bodies
 
-    allocate (result%first(size(bodies)), result%count(size(bodies)), source=0_i8)
+  !> Count a share of the particles of each body, once the bodies are found sound (the same for all shares). Whether a body has
+  !> particles and stays in the box can be judged when the shares are put together: `check_counts`.
+  subroutine count_share(dim, lower, spacing, cells, bodies, share, result, outside, error)
+    integer, intent(in) :: dim, cells(3)
+    real(dp), intent(in) :: lower(3), spacing !! as of `fill_bodies`
+    type(fill_body_t), intent(in) :: bodies(:)
+    type(share_t), intent(in) :: share
+    type(fill_t), intent(out) :: result !! counts only
+    integer, allocatable, intent(out) :: outside(:) !! (bodies) bit mask of the sides where a body sticks out of the grid box
+    type(error_t), allocatable, intent(out) :: error
+    integer :: b
+    result%share = share
     result%keeps = bodies%corners .and. (bodies%polar .or. bodies%simplices)
+    allocate (result%first(size(bodies)), result%count(size(bodies)), source=0_i8)
+    allocate (outside(size(bodies)), source=0)
     do b = 1, size(bodies)
       call check_body(bodies(b), b, dim, error)
     end do
     if (allocated(error)) return
-    do pass = 1, 2 ! count, then fill
-      n = 0
-      do b = 1, size(bodies)
-        if (bodies(b)%subtract .or. bodies(b)%shape%kind == shape_none) cycle
-        result%first(b) = n + 1
-        call list_rivals(bodies, b, dim, rivals)
-        outside = 0
-        if (bodies(b)%polar) then
-          call fill_polar(bodies, b, rivals, lower, lower + spacing*cells, pass == 2, result, n, outside)
-        else
-          call lay_lattice(bodies(b), dim, lower, spacing, cells, lattice)
-          call fill_lattice(bodies, b, rivals, lattice, pass == 2, result, n, outside)
-        end if
-        result%count(b) = n - result%first(b) + 1
-        if (pass == 1) call check_count(bodies(b), b, dim, result%count(b), lower, lower + spacing*cells, outside, error)
-      end do
-      if (allocated(error)) return
-      result%n = n
-      if (pass == 1) allocate (result%position(dim, n), result%volume(n), result%half_length(dim, n), &
-        result%faces(n))
-      if (pass == 1 .and. any(result%keeps)) &
+    call visit_bodies(dim, lower, spacing, cells, bodies, .false., result, outside)
+  end subroutine count_share
+
+  !> Fill the share that was counted
+  subroutine fill_share(dim, lower, spacing, cells, bodies, result)
+    integer, intent(in) :: dim, cells(3)
+    real(dp), intent(in) :: lower(3), spacing !! as of `fill_bodies`
+    type(fill_body_t), intent(in) :: bodies(:)
+    type(fill_t), intent(inout) :: result
+    integer :: outside(size(bodies))
+    associate (n => result%n)
+      allocate (result%position(dim, n), result%volume(n), result%half_length(dim, n), result%faces(n))
+      if (any(result%keeps)) &
         allocate (result%corner(dim, merge(dim + 1, 2**dim, any(bodies%simplices)), n), source=0.0_dp)
+    end associate
+    outside = 0
+    call visit_bodies(dim, lower, spacing, cells, bodies, .true., result, outside)
+  end subroutine fill_share
+
+  !> Count or fill a share of all bodies
+  subroutine visit_bodies(dim, lower, spacing, cells, bodies, fill, result, outside)
+    integer, intent(in) :: dim, cells(3)
+    real(dp), intent(in) :: lower(3), spacing !! as of `fill_bodies`
+    type(fill_body_t), intent(in) :: bodies(:)
+    logical, intent(in) :: fill !! store the particles, not only count them
+    type(fill_t), intent(inout) :: result
+    integer, intent(inout) :: outside(:)
+    integer, allocatable :: rivals(:)
+    type(lattice_t) :: lattice
+    integer(i8) :: n
+    integer :: b
+    n = 0
+    do b = 1, size(bodies)
+      if (bodies(b)%subtract .or. bodies(b)%shape%kind == shape_none) cycle
+      result%first(b) = n + 1
+      call list_rivals(bodies, b, dim, rivals)
+      if (bodies(b)%polar) then
+        call fill_polar(bodies, b, rivals, lower, lower + spacing*cells, fill, result, n, outside(b))
+      else
+        call lay_lattice(bodies(b), dim, lower, spacing, cells, lattice)
+        call fill_lattice(bodies, b, rivals, lattice, fill, result, n, outside(b))
+      end if
+      result%count(b) = n - result%first(b) + 1
     end do
-  end subroutine fill_bodies
+    result%n = n
+  end subroutine visit_bodies
 
   !> The grid points near a body, with one layer outside the box where the body may reach it
   pure subroutine lay_lattice(body, dim, lower, spacing, cells, lattice)
@@ -237,6 +279,7 @@ contains
     integer(i8), intent(inout) :: n
     integer, intent(inout) :: outside
     real(dp) :: inner, outer, r, angle, width, opening, x(3)
+    integer(i8) :: sectors(2), at
     integer :: i, j, d
     inner = 0.0_dp
     outer = bodies(b)%shape%radius
@@ -247,27 +290,28 @@ contains
     width = (outer - inner)/bodies(b)%radial_particles
     opening = 2.0_dp*pi/bodies(b)%angular_particles
     x = 0.0_dp
-    do i = 1, bodies(b)%radial_particles
+    sectors = items_of_share(result%share, int(bodies(b)%radial_particles, i8)*bodies(b)%angular_particles)
+    do at = sectors(1), sectors(2)
+      i = 1 + int((at - 1)/bodies(b)%angular_particles)
+      j = 1 + int(modulo(at - 1, int(bodies(b)%angular_particles, i8)))
       r = inner + (i - 0.5_dp)*width
-      do j = 1, bodies(b)%angular_particles
-        angle = (j - 0.5_dp)*opening
-        x(1:2) = bodies(b)%shape%center(1:2) + r*[cos(angle), sin(angle)]
-        if (.not. owns(bodies, b, rivals, 2, x)) cycle
-        do d = 1, 2
-          if (x(d) < lower(d)) outside = ibset(outside, 2*d - 2)
-          if (x(d) > upper(d)) outside = ibset(outside, 2*d - 1)
-        end do
-        if (bodies(b)%corners) then
-          call put_domain(bodies(b)%simplices, sector(), fill, result, n)
-          cycle
-        end if
-        n = n + 1
-        if (.not. fill) cycle
-        result%position(:, n) = x(1:2)
-        result%volume(n) = r*width*opening ! (r2^2 - r1^2)/2 dtheta for the mid radius r
-        result%half_length(:, n) = 0.5_dp*sqrt(result%volume(n))
-        result%faces(n) = 0
+      angle = (j - 0.5_dp)*opening
+      x(1:2) = bodies(b)%shape%center(1:2) + r*[cos(angle), sin(angle)]
+      if (.not. owns(bodies, b, rivals, 2, x)) cycle
+      do d = 1, 2
+        if (x(d) < lower(d)) outside = ibset(outside, 2*d - 2)
+        if (x(d) > upper(d)) outside = ibset(outside, 2*d - 1)
       end do
+      if (bodies(b)%corners) then
+        call put_domain(bodies(b)%simplices, sector(), fill, result, n)
+        cycle
+      end if
+      n = n + 1
+      if (.not. fill) cycle
+      result%position(:, n) = x(1:2)
+      result%volume(n) = r*width*opening ! (r2^2 - r1^2)/2 dtheta for the mid radius r
+      result%half_length(:, n) = 0.5_dp*sqrt(result%volume(n))
+      result%faces(n) = 0
     end do
 
   contains
@@ -375,31 +419,35 @@ contains
       //": fill = 'polar' needs radial_particles and angular_particles, each at least 1")
   end subroutine check_body
 
-  !> What can only be said after counting: the body must have particles and stay in the grid box
-  pure subroutine check_count(body, b, dim, count, lower, upper, outside, error)
-    type(fill_body_t), intent(in) :: body
-    integer, intent(in) :: b, dim
-    integer(i8), intent(in) :: count
-    real(dp), intent(in) :: lower(3), upper(3) !! corners of the grid box [m]
-    integer, intent(in) :: outside
-    type(error_t), allocatable, intent(inout) :: error
+  !> What can only be said after counting: each body must have particles and stay in the grid box
+  subroutine check_counts(dim, lower, spacing, cells, bodies, count, outside, error)
+    integer, intent(in) :: dim, cells(3)
+    real(dp), intent(in) :: lower(3), spacing !! as of `fill_bodies`
+    type(fill_body_t), intent(in) :: bodies(:)
+    integer(i8), intent(in) :: count(:) !! (bodies) of all shares
+    integer, intent(in) :: outside(:) !! (bodies) bit masks of all shares
+    type(error_t), allocatable, intent(out) :: error
     character(len=:), allocatable :: sides
-    real(dp) :: low(3), high(3)
-    integer :: k
-    call shape_bounds(body%shape, dim, low, high)
-    if (any(low(:dim) >= upper(:dim) .or. high(:dim) <= lower(:dim))) then
-      call add_error(error, title_of(body, b)//": lies outside the grid box; move it or enlarge &grid")
-    else if (outside /= 0) then
-      sides = ""
-      do k = 0, 5
-        if (btest(outside, k)) sides = sides//" "//trim(side_names(k))
-      end do
-      call add_error(error, title_of(body, b)//": reaches beyond the grid box at"//sides//"; move it or enlarge &grid")
-    else if (count == 0) then
-      call add_error(error, title_of(body, b)//": no particle centre lies inside; it must be larger than the particle " &
-        //"spacing and not wholly taken or carved away by other bodies")
-    end if
-  end subroutine check_count
+    real(dp) :: low(3), high(3), upper(3)
+    integer :: b, k
+    upper = lower + spacing*cells
+    do b = 1, size(bodies)
+      if (bodies(b)%subtract .or. bodies(b)%shape%kind == shape_none) cycle
+      call shape_bounds(bodies(b)%shape, dim, low, high)
+      if (any(low(:dim) >= upper(:dim) .or. high(:dim) <= lower(:dim))) then
+        call add_error(error, title_of(bodies(b), b)//": lies outside the grid box; move it or enlarge &grid")
+      else if (outside(b) /= 0) then
+        sides = ""
+        do k = 0, 5
+          if (btest(outside(b), k)) sides = sides//" "//trim(side_names(k))
+        end do
+        call add_error(error, title_of(bodies(b), b)//": reaches beyond the grid box at"//sides//"; move it or enlarge &grid")
+      else if (count(b) == 0) then
+        call add_error(error, title_of(bodies(b), b)//": no particle centre lies inside; it must be larger than the particle " &
+          //"spacing and not wholly taken or carved away by other bodies")
+      end if
+    end do
+  end subroutine check_counts
 
   !> How messages name a body
   pure function title_of(body, b) result(title)
@@ -409,8 +457,9 @@ contains
     title = "&body "//text_of(b)//" '"//trim(body%name)//"'"
   end function title_of
 
-  !> Count or fill the lattice points of a body, plane by plane along the first axis; three planes are kept, so that the
-  !> neighbours of a point are known and every point is asked once
+  !> Count or fill a share of the lattice points of a body: rows along the last axis, plane by plane along the first axis. Three
+  !> planes are kept, so that the neighbours of a point are known and every point is asked once; the planes before and after those
+  !> of the share are asked for their neighbours' sake.
   subroutine fill_lattice(bodies, b, rivals, lattice, fill, result, n, outside)
     type(fill_body_t), intent(in) :: bodies(:)
     integer, intent(in) :: b !! the body
@@ -421,20 +470,27 @@ contains
     integer(i8), intent(inout) :: n !! particles so far
     integer, intent(inout) :: outside !! bit mask of the sides where the body sticks out of the grid box
     logical(1), allocatable :: before(:, :), here(:, :), after(:, :) !! (last axis, second axis), with a rim of nothing
-    integer :: i, j, k, faces
+    integer(i8) :: rows(2)
+    integer :: i, j, k, faces, across, begin(2), end(2) ! plane and row
     real(dp) :: volume, half(3)
 
     if (any(lattice%last < lattice%first)) return
+    across = lattice%last(2) - lattice%first(2) + 1
+    rows = items_of_share(result%share, int(lattice%last(1) - lattice%first(1) + 1, i8)*across)
+    if (rows(2) < rows(1)) return
+    begin = place_of_row(rows(1))
+    end = place_of_row(rows(2))
     half = 0.5_dp*lattice%spacing/lattice%per_axis
     volume = product(2.0_dp*half(:lattice%dim))
     allocate (before(lattice%first(3) - 1:lattice%last(3) + 1, lattice%first(2) - 1:lattice%last(2) + 1), source=.false._1)
     here = before
     after = before
-    call ask_plane(bodies, b, rivals, lattice, lattice%first(1), here, outside)
-    do i = lattice%first(1), lattice%last(1)
+    if (begin(1) > lattice%first(1)) call ask_plane(bodies, b, rivals, lattice, begin(1) - 1, before, outside)
+    call ask_plane(bodies, b, rivals, lattice, begin(1), here, outside)
+    do i = begin(1), end(1)
       after = .false.
       if (i < lattice%last(1)) call ask_plane(bodies, b, rivals, lattice, i + 1, after, outside)
-      do j = lattice%first(2), lattice%last(2)
+      do j = merge(begin(2), lattice%first(2), i == begin(1)), merge(end(2), lattice%last(2), i == end(1))
         do k = lattice%first(3), lattice%last(3)
           if (.not. here(k, j)) cycle
           if (bodies(b)%simplices) then
@@ -462,6 +518,13 @@ contains
     end do
 
   contains
+
+    !> Numbers of a row on the first and the second axis
+    pure function place_of_row(row) result(at)
+      integer(i8), intent(in) :: row !! from 1
+      integer :: at(2)
+      at = lattice%first(:2) + [int((row - 1)/across), int(modulo(row - 1, int(across, i8)))]
+    end function place_of_row
 
     !> Corners of the part of a cell that belongs to a lattice point, the first axis fastest
     pure function part_of_cell(at) result(box)

@@ -1,3 +1,4 @@
 gimp_add_unit_test(particles test_shapes)
 gimp_add_unit_test(particles test_fill)
+gimp_add_unit_test(particles test_fill_shares)
 gimp_add_unit_test(particles test_reorder)
