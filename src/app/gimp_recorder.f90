@@ -14,7 +14,7 @@ module gimp_recorder
   use gimp_summary, only: write_scene, put_summary
   use gimp_particle_file, only: particle_table_t, write_particle_file
   use gimp_verification, only: verification_t, error_scale
-  use gimp_measures, only: totals_t, errors_t, measure_totals, measure_errors, find_particle, nearest_particle, chunk_position, &
+  use gimp_measures, only: totals_t, errors_t, measure_totals, measure_errors, measure_probes, probe_values, nearest_particle, chunk_position, &
     chunk_stress, chunk_deformation
   use gimp_smoothed_stress, only: smooth_stress
   use gimp_snapshot, only: rank_particles, sample_positions, sample_field, field_components
@@ -289,11 +289,9 @@ contains
     type(stepper_t), intent(inout) :: s
     type(error_t), allocatable, intent(out) :: error
     real(dp) :: row(most_columns)
-    real(dp) :: x(lanes, 3)
-    real(wp) :: sigma(lanes, 6), j(lanes)
-    integer :: n, p, g, c, l, d
+    real(dp) :: probes(probe_values(s%engine%grid%dim), size(recorder%probe))
+    integer :: n
     if (recorder%row_step == s%step) return
-    d = s%engine%grid%dim
     call measure_totals(s%engine, recorder%totals)
     s%books%stored = recorder%totals%stored
     if (s%step == 0) s%books%stored_start = recorder%totals%stored
@@ -315,19 +313,9 @@ contains
                           recorder%errors%rms_velocity, recorder%errors%rms_stress]
       n = n + 4
     end if
-    do p = 1, size(recorder%probe)
-      call find_particle(s%engine%particles, recorder%probe(p), g, c, l)
-      row(n + 1:n + 2*d + 4) = 0.0_dp
-      if (c > 0) then
-        call chunk_position(s%engine, s%engine%particles%groups(g), c, x)
-        call chunk_stress(s%engine, s%engine%particles%groups(g), c, sigma, j)
-        row(n + 1:n + d) = x(l, :d)
-        row(n + d + 1:n + 2*d) = s%engine%particles%p(l, s%engine%particles%velocity%first: &
-                                                      s%engine%particles%velocity%first + d - 1, c)
-        row(n + 2*d + 1:n + 2*d + 4) = sigma(l, :4)
-      end if
-      n = n + 2*d + 4
-    end do
+    call measure_probes(s%engine, recorder%probe, probes)
+    row(n + 1:n + size(probes)) = reshape(probes, [size(probes)])
+    n = n + size(probes)
     call append_row(recorder%output, recorder%history, row(:n), error)
     recorder%row_step = s%step
   end subroutine record_row

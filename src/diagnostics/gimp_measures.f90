@@ -5,6 +5,7 @@ module gimp_measures
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_accumulator, only: column_sums
   use gimp_hash_table, only: mix_bits
+  use gimp_over_ranks, only: smallest_reals, largest_count, join_reals
   use gimp_tensor, only: determinant
   use gimp_material, only: most_states
   use gimp_particles, only: particles_t, group_t, few_chunks
@@ -17,7 +18,7 @@ module gimp_measures
   implicit none(type, external)
   private
   public :: totals_t, errors_t, measure_totals, measure_errors, state_hash, chunk_deformation, chunk_history, chunk_position, chunk_reference, chunk_stress
-  public :: find_particle, nearest_particle
+  public :: find_particle, nearest_particle, measure_probes, probe_values
 
   !> Sums over all particles
   type :: totals_t
@@ -270,7 +271,7 @@ contains
     hash = mix_bits(step) + mix_bits(transfer(time, 0_i8)) + part
   end function state_hash
 
-  !> Chunk and lane of the particle with a number; chunk 0 when it is gone
+  !> Chunk and lane of the particle with a number; chunk 0 when this rank does not have it
   subroutine find_particle(particles, id, group, c, l)
     type(particles_t), intent(in) :: particles
     integer(i8), intent(in) :: id
@@ -296,14 +297,44 @@ contains
     group = g
   end subroutine find_particle
 
-  !> The particle nearest to a point, the one with the smallest number where several are equally near; numbers may be limited
+  !> How many values a probe has
+  pure integer function probe_values(dim)
+    integer, intent(in) :: dim
+    probe_values = 2*dim + 4
+  end function probe_values
+
+  !> Position [m], velocity [m/s] and stress xx, yy, zz, xy [Pa] of some particles, on all ranks whichever has them; zero where a
+  !> particle is gone. Collective
+  subroutine measure_probes(engine, id, values)
+    type(engine_t), intent(in) :: engine
+    integer(i8), intent(in) :: id(:)
+    real(dp), intent(out) :: values(:, :) !! (probe_values(dim), probe)
+    real(dp) :: x(lanes, 3)
+    real(wp) :: sigma(lanes, 6), j(lanes)
+    integer :: k, g, c, l, d
+    d = engine%grid%dim
+    values = 0.0_dp
+    do k = 1, size(id)
+      call find_particle(engine%particles, id(k), g, c, l)
+      if (c == 0) cycle
+      associate (p => engine%particles)
+        call chunk_position(engine, p%groups(g), c, x)
+        call chunk_stress(engine, p%groups(g), c, sigma, j)
+        values(:, k) = [x(l, :d), real(p%p(l, p%velocity%first:p%velocity%first + d - 1, c), dp), real(sigma(l, :4), dp)]
+      end associate
+    end do
+    call join_reals(values)
+  end subroutine measure_probes
+
+  !> The particle nearest to a point, the one with the smallest number where several are equally near; numbers may be limited. 0
+  !> when there is none. Collective
   integer(i8) function nearest_particle(engine, point, first, last) result(id)
     type(engine_t), intent(in) :: engine
     real(dp), intent(in) :: point(:) !! (dim) [m]
     integer(i8), intent(in) :: first, last !! range of numbers
     real(dp), allocatable :: distance(:)
     integer(i8), allocatable :: candidate(:)
-    real(dp) :: nearest
+    real(dp) :: nearest, nearest_of_all(1)
     integer :: g
     allocate (distance(size(engine%particles%groups)), candidate(size(engine%particles%groups)))
     !$omp parallel do schedule(dynamic, 16) &
@@ -319,6 +350,11 @@ contains
       nearest = distance(g)
       id = candidate(g)
     end do
+    nearest_of_all = nearest
+    call smallest_reals(nearest_of_all)
+    if (id == 0 .or. nearest > nearest_of_all(1)) id = huge(id)
+    id = -largest_count(-id)
+    if (id == huge(id)) id = 0
   end function nearest_particle
 
   subroutine nearest_in_group(engine, group, point, first, last, id, nearest)

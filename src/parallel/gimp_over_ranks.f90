@@ -9,7 +9,7 @@ module gimp_over_ranks
   use omp_lib, only: omp_get_max_threads
   implicit none(type, external)
   private
-  public :: sum_columns, sum_of, sum_counts, largest_reals, smallest_reals, largest_count, any_rank, share_text, share_error, share_reals
+  public :: sum_columns, sum_of, sum_counts, largest_reals, smallest_reals, largest_count, any_rank, share_text, share_error, share_reals, join_reals
 
   integer, parameter :: few = 512 !! columns that are not worth waking other threads for
 
@@ -122,6 +122,16 @@ contains
     call share_words(root, words)
     values = transfer(words, values)
   end subroutine share_reals
+
+  !> Reals that one rank knows, each, and the others have as zero: all get them, bit for bit. Collective
+  subroutine join_reals(values)
+    real(dp), intent(inout), contiguous :: values(:, :)
+    integer(i8) :: words(size(values))
+    if (ranks == 1) return
+    words = transfer(values, words)
+    call sum_words(words)
+    values = reshape(transfer(words, values), shape(values))
+  end subroutine join_reals
 
   !> All get the text of one rank. Collective
   subroutine share_text(root, text)
