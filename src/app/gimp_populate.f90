@@ -1,11 +1,17 @@
-!> Bodies become particles: shapes are filled, particle files read, and every particle gets its initial state
+!> Bodies become particles: shapes are filled, particle files read, and every particle gets its initial state.
+!>
+!> Each rank makes a share of the particles of each body. Numbers are those of one rank alone: body by body, within a body in the
+!> order of the fill or of the file. Who keeps a particle is settled by the first sort.
 module gimp_populate
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_error, only: error_t, add_error, raise
   use gimp_text, only: text_of
   use gimp_shapes, only: shape_none, shape_box, shape_sphere, shape_cylinder, shape_ring, shape_polygon, &
     shape_center
-  use gimp_fill, only: fill_t, fill_body_t, fill_bodies
+  use gimp_shares, only: share_t
+  use gimp_ranks, only: this_rank, ranks, sum_words, words_before
+  use gimp_over_ranks, only: share_error, any_rank, largest_count, largest_reals, share_reals
+  use gimp_fill, only: fill_t, fill_body_t, count_share, check_counts, fill_share
   use gimp_particle_file, only: particle_table_t, read_particle_file
   use gimp_particles, only: allot_chunks, clear_chunks, group_t
   use gimp_basis, only: basis_ugimp, longest_half, is_sampled
@@ -30,13 +36,14 @@ module gimp_populate
   type :: population_t
     type(fill_t) :: fill !! bodies with a shape
     type(particle_table_t), allocatable :: table(:) !! (body) bodies from a file
-    integer(i8), allocatable :: first(:), count(:) !! (body) numbers of its particles
-    integer(i8) :: n = 0
+    integer(i8), allocatable :: first(:), count(:) !! (body) numbers of its particles, on all ranks
+    integer(i8), allocatable :: from(:), here(:) !! (body) the same of those that this rank makes
+    integer(i8) :: n = 0 !! particles of all ranks
   end type population_t
 
 contains
 
-  !> Fill the shapes and read the files; afterwards the number of particles is known
+  !> Fill the shapes and read the files; afterwards the number of particles is known. Collective
   subroutine count_particles(scene, s, population, error)
     type(scene_t), intent(in) :: scene
     type(stepper_t), intent(in) :: s
@@ -44,36 +51,85 @@ contains
     type(error_t), allocatable, intent(out) :: error
     type(fill_body_t), allocatable :: bodies(:)
     type(error_t), allocatable :: problem
-    integer :: b, n
-    n = count_groups(scene, "body")
-    allocate (bodies(n), population%table(n), population%first(n), population%count(n))
-    do b = 1, n
+    type(share_t) :: mine
+    integer(i8), allocatable :: count(:)
+    integer, allocatable :: outside(:)
+    integer :: b
+    mine = share_t(this_rank, ranks)
+    allocate (bodies(count_groups(scene, "body")), population%table(count_groups(scene, "body")))
+    do b = 1, size(bodies)
       call describe_body(scene, b, bodies(b))
     end do
     bodies%corners = s%engine%rule%carried /= carried_none
     bodies%simplices = s%engine%rule%carried == carried_simplex
-    call fill_bodies(scene%dimension, s%engine%grid%lower, s%engine%grid%spacing, s%engine%grid%cells, bodies, population%fill, &
-                     problem)
+    associate (grid => s%engine%grid)
+      call count_share(grid%dim, grid%lower, grid%spacing, grid%cells, bodies, mine, population%fill, outside, problem)
+      if (.not. allocated(problem)) then
+        call join_counts(population%fill%count, outside, count)
+        call check_counts(grid%dim, grid%lower, grid%spacing, grid%cells, bodies, count, outside, problem)
+      end if
+    end associate
     if (allocated(problem)) call tell_fill(scene, bodies, problem%message, error)
-    do b = 1, n
+    do b = 1, size(bodies)
       if (word_of(scene, "body", b, "shape") /= "file") cycle
-      call read_particle_file(text_of_key(scene, "body", b, "file"), scene%dimension, population%table(b), problem)
+      call read_particle_file(text_of_key(scene, "body", b, "file"), scene%dimension, population%table(b), problem, mine)
       if (allocated(problem)) then
         call complain(error, scene, "body", b, "file", problem%message)
       else
-        call check_table(scene, s, b, population%table(b), error)
+        call check_table(scene, s, population%table(b), problem)
+        call share_error(problem) ! the lowest rank has the lowest rows
+        if (allocated(problem)) call complain(error, scene, "body", b, "file", problem%message)
       end if
     end do
     if (allocated(error)) return
+    call number_particles(population)
+    if (population%n == 0) call raise(error, "the scene holds no particle")
+    if (allocated(error)) return
+    associate (grid => s%engine%grid)
+      call fill_share(grid%dim, grid%lower, grid%spacing, grid%cells, bodies, population%fill)
+    end associate
+  end subroutine count_particles
+
+  !> What all ranks counted, and the sides where any of them saw a body stick out. Collective
+  subroutine join_counts(here, outside, count)
+    integer(i8), intent(in) :: here(:) !! (body) particles of this rank
+    integer, intent(inout) :: outside(:) !! (body) bit masks, of this rank and then of all
+    integer(i8), allocatable, intent(out) :: count(:) !! (body) particles of all ranks
+    integer(i8) :: words(7*size(here)) ! particles of each body, then a count for each side of each body
+    integer :: k, n
+    n = size(here)
+    words(:n) = here
+    do k = 1, 6
+      words(k*n + 1:(k + 1)*n) = merge(1_i8, 0_i8, btest(outside, k - 1))
+    end do
+    call sum_words(words)
+    count = words(:n)
+    do k = 1, 6
+      where (words(k*n + 1:(k + 1)*n) > 0) outside = ibset(outside, k - 1)
+    end do
+  end subroutine join_counts
+
+  !> The numbers of the particles of each body: of all, and of those that this rank makes. Collective
+  subroutine number_particles(population)
+    type(population_t), intent(inout) :: population
+    integer(i8), allocatable :: before(:) ! (body) particles of the ranks before this one
+    integer :: b
+    population%here = population%fill%count
+    do b = 1, size(population%table)
+      if (allocated(population%table(b)%position)) population%here(b) = population%table(b)%n
+    end do
+    population%count = population%here
+    before = population%here
+    call sum_words(population%count)
+    call words_before(before)
+    allocate (population%first(size(before)))
     population%n = 0
-    do b = 1, n
+    do b = 1, size(before)
       population%first(b) = population%n + 1
-      population%count(b) = population%fill%count(b)
-      if (allocated(population%table(b)%position)) population%count(b) = population%table(b)%n
       population%n = population%n + population%count(b)
     end do
-    if (population%n == 0) call raise(error, "the scene holds no particle")
-  end subroutine count_particles
+    population%from = population%first + before
+  end subroutine number_particles
 
   !> The fill begins its messages, one a line, with "&body N 'name': "; the author of the scene is told the line of the group
   subroutine tell_fill(scene, bodies, message, error)
@@ -101,49 +157,48 @@ contains
   end subroutine tell_fill
 
   !> Particles of a file must lie in the box, uninverted and of some width; the first that does not is told
-  subroutine check_table(scene, s, b, table, error)
+  subroutine check_table(scene, s, table, error)
     type(scene_t), intent(in) :: scene
     type(stepper_t), intent(in) :: s
-    integer, intent(in) :: b
     type(particle_table_t), intent(in) :: table
-    type(error_t), allocatable, intent(inout) :: error
-    character(len=:), allocatable :: fault
+    type(error_t), allocatable, intent(out) :: error
+    character(len=:), allocatable :: fault, this
     real(dp) :: x, f(9)
     integer(i8) :: i
     integer :: k
     do i = 1, table%n
+      this = "particle "//text_of(table%first + i - 1)
       do k = 1, scene%dimension
         x = (table%position(k, i) - s%engine%grid%lower(k))/s%engine%grid%spacing
         if (x >= 0.0_dp .and. x <= s%engine%grid%cells(k)) cycle
-        call complain(error, scene, "body", b, "file", "particle "//text_of(i)//" lies outside the box of &grid")
+        call raise(error, this//" lies outside the box of &grid")
         return
       end do
       if (allocated(table%deformation_gradient)) then
         f(:scene%dimension**2) = table%deformation_gradient(:, i)
         if (determinant_of(scene%dimension, f) <= 0.0_dp) then
-          call complain(error, scene, "body", b, "file", "particle "//text_of(i) &
-                        //" is inverted: its deformation_gradient must have a positive determinant")
+          call raise(error, this//" is inverted: its deformation_gradient must have a positive determinant")
           return
         end if
       end if
       if (s%engine%rule%carried /= carried_none) then
         fault = table_corner_fault(s%engine, table, i)
         if (fault /= "") then
-          call complain(error, scene, "body", b, "file", fault)
+          call raise(error, fault)
           return
         end if
       end if
       if (allocated(table%stress) .and. scene%dimension < 3) then ! such shear is not stored; round-off of other programs may pass
         k = merge(4, 5, scene%dimension == 1)
         if (any(abs(table%stress(k:, i)) > sqrt(epsilon(1.0_wp))*maxval(abs(table%stress(:, i))))) then
-          call complain(error, scene, "body", b, "file", "stress of particle "//text_of(i)//" has shear out of the " &
-                        //trim(merge("line ", "plane", scene%dimension == 1))//": it must be zero")
+          call raise(error, "stress of "//this//" has shear out of the "//trim(merge("line ", "plane", scene%dimension == 1)) &
+                     //": it must be zero")
           return
         end if
       end if
       if (.not. allocated(table%half_length)) cycle
       if (any(table%half_length(:, i) <= 0.0_dp)) then
-        call complain(error, scene, "body", b, "file", "half_length of particle "//text_of(i)//" must be positive")
+        call raise(error, "half_length of "//this//" must be positive")
         return
       end if
     end do
@@ -206,7 +261,7 @@ contains
     if (is_given(scene, "body", b, "angular_particles")) body%angular_particles = integer_of(scene, "body", b, "angular_particles")
   end subroutine describe_body
 
-  !> Make the particles; `population` is used up
+  !> Make the particles of this rank; of `population` only the numbers are left. Collective
   subroutine populate(scene, s, solution, population, error)
     type(scene_t), intent(in) :: scene
     type(stepper_t), intent(inout) :: s
@@ -228,7 +283,7 @@ contains
     chunks = 0
     allocate (s%engine%particles%groups(0))
     do m = 1, size(s%engine%laws)
-      in_material = sum(population%count, mask=material_of == m)
+      in_material = sum(population%here, mask=material_of == m)
       if (in_material == 0) cycle
       s%engine%particles%groups = [s%engine%particles%groups, &
                                    group_t(0, m, chunks + 1, chunks + int((in_material + lanes - 1)/lanes))]
@@ -240,66 +295,79 @@ contains
       call fill_group(scene, s, solution, population, material_of, s%engine%particles%groups(m), error)
       if (allocated(error)) return
     end do
-    s%engine%particles%n = population%n
+    s%engine%particles%n = sum(population%here)
+    s%engine%particles%n_all = population%n
     population%fill = fill_t()
+    deallocate (population%table)
     if (s%engine%basis == basis_ugimp) call check_extent(s, error)
     if (allocated(error)) return
     if (s%engine%total) call check_undeformed(s, error)
   end subroutine populate
 
-  !> Domains that never change are not shortened: no one may be longer than lists have room for
+  !> Domains that never change are not shortened: no one may be longer than lists have room for. Collective
   subroutine check_extent(s, error)
     type(stepper_t), intent(in) :: s
     type(error_t), allocatable, intent(out) :: error
-    real(wp) :: longest
+    real(dp) :: longest(1)
     associate (p => s%engine%particles)
       longest = maxval(p%uniform_half)
-      if (p%half_length%first > 0) longest = maxval(p%p(:, p%half_length%first:p%half_length%first + s%engine%grid%dim - 1, :))
+      if (p%half_length%first > 0 .and. p%chunks > 0) &
+        longest = maxval(p%p(:, p%half_length%first:p%half_length%first + s%engine%grid%dim - 1, :))
     end associate
-    if (.not. s%engine%overlap*longest > longest_half) return
-    call raise(error, "&method: basis = 'ugimp': a domain reaches "//text_of(real(s%engine%overlap*longest, dp), 4)// &
+    call largest_reals(longest)
+    if (.not. s%engine%overlap*real(longest(1), wp) > longest_half) return
+    call raise(error, "&method: basis = 'ugimp': a domain reaches "//text_of(real(s%engine%overlap*real(longest(1), wp), dp), 4)// &
                " cells from its particle, domain_overlap included; it may reach "//text_of(real(longest_half, dp)))
   end subroutine check_extent
 
-  !> A total Lagrangian run takes the start for the undeformed state
+  !> A total Lagrangian run takes the start for the undeformed state; the first particle that is deformed is told. Collective
   subroutine check_undeformed(s, error)
     type(stepper_t), intent(in) :: s
     type(error_t), allocatable, intent(out) :: error
     real(wp), parameter :: round_off = 8*epsilon(1.0_wp) ! of exact solutions in polar axes
     real(wp) :: f(lanes, 9)
+    integer(i8) :: first
     integer :: c, k, l
+    first = huge(first)
     do c = 1, s%engine%particles%chunks
       call chunk_deformation(s%engine%particles, c, f)
       do k = 1, 9
         do l = 1, lanes
           if (s%engine%particles%id(l, c) == 0) cycle
-          if (abs(f(l, k) - merge(1.0_wp, 0.0_wp, modulo(k, 4) == 1)) <= round_off) cycle
-          call raise(error, "&method: formulation = 'total': particle "//text_of(s%engine%particles%id(l, c))// &
-                     " starts deformed; bodies must start undeformed, with F = I")
-          return
+          if (abs(f(l, k) - merge(1.0_wp, 0.0_wp, modulo(k, 4) == 1)) > round_off) first = min(first, s%engine%particles%id(l, c))
         end do
       end do
     end do
+    first = -largest_count(-first)
+    if (first == huge(first)) return
+    call raise(error, "&method: formulation = 'total': particle "//text_of(first)//" starts deformed; bodies must start " &
+               //"undeformed, with F = I")
   end subroutine check_undeformed
 
-  !> Half lengths in cells if all particles share them, else zero
+  !> Half lengths in cells if all particles share them, else zero; they are those of particle 1. Collective
   subroutine find_uniform_half(s, population, half)
     type(stepper_t), intent(in) :: s
     type(population_t), intent(in) :: population
     real(wp), intent(out) :: half(3)
-    real(dp) :: hinv
-    integer :: d, k
+    real(dp) :: hinv, first(s%engine%grid%dim)
+    logical :: differ
+    integer :: d, k, maker
     d = s%engine%grid%dim
     hinv = 1.0_dp/s%engine%grid%spacing
     half = 0.0_wp
-    if (population%fill%n == 0) return
     do k = 1, size(population%table)
       if (allocated(population%table(k)%position)) return
     end do
-    half(:d) = real(population%fill%half_length(:, 1)*hinv, wp)
+    maker = int(largest_count(merge(int(this_rank, i8), -1_i8, any(population%from == 1 .and. population%here > 0))))
+    first = 0.0_dp
+    if (maker == this_rank) first = population%fill%half_length(:, 1)
+    call share_reals(maker, first)
+    differ = .false.
     do k = 1, d
-      if (any(abs(population%fill%half_length(k, :) - population%fill%half_length(k, 1))*hinv > 1.0e-12_dp)) half = 0.0_wp
+      differ = differ .or. any(abs(population%fill%half_length(k, :) - first(k))*hinv > 1.0e-12_dp)
     end do
+    if (any_rank(differ)) return
+    half(:d) = real(first*hinv, wp)
   end subroutine find_uniform_half
 
   !> The particles of one material, in the order of bodies
@@ -319,14 +387,14 @@ contains
     do b = 1, size(material_of)
       if (material_of(b) /= group%material) cycle
       !$omp parallel do schedule(static) private(c, l)
-      do i = 1, population%count(b)
+      do i = 1, population%here(b)
         c = group%first + int((before + i - 1)/lanes)
         l = 1 + int(modulo(before + i - 1, int(lanes, i8)))
-        s%engine%particles%id(l, c) = population%first(b) + i - 1
+        s%engine%particles%id(l, c) = population%from(b) + i - 1
         call place_particle(s, population, b, i, group%material, l, c, stress(:, :, min(c, ubound(stress, 3))))
       end do
       !$omp end parallel do
-      before = before + population%count(b)
+      before = before + population%here(b)
       call start_body(scene, s, solution, population, b)
     end do
     c = group%last

@@ -165,7 +165,7 @@ contains
   pure function table_corner_fault(engine, table, i) result(fault)
     type(engine_t), intent(in) :: engine
     type(particle_table_t), intent(in) :: table
-    integer(i8), intent(in) :: i
+    integer(i8), intent(in) :: i !! which of the table
     character(len=:), allocatable :: fault
     integer :: d
     d = engine%grid%dim
@@ -177,7 +177,7 @@ contains
     else
       fault = corner_fault(engine, (table%position(:, i) - engine%grid%lower(:d))/engine%grid%spacing, &
                            table%volume(i)/engine%grid%spacing**d, corners_in_cells(engine, table%corner(:, i)))
-      if (fault /= "") fault = "the domain of particle "//text_of(i)//" "//fault
+      if (fault /= "") fault = "the domain of particle "//text_of(table%first + i - 1)//" "//fault
     end if
   end function table_corner_fault
 

@@ -1,0 +1,10 @@
+gimp_add_rank_test(app test_populate RANKS 2 5)
+# alone it writes what it finds on ranks
+foreach(test app.test_populate.serial app.test_populate.mpi.2 app.test_populate.mpi.5 app.test_populate.coarray.2 app.test_populate.coarray.5)
+  if(TEST ${test})
+    set_tests_properties(${test} PROPERTIES FIXTURES_REQUIRED populated_alone)
+  endif()
+endforeach()
+if(TEST app.test_populate.serial)
+  set_tests_properties(app.test_populate.serial PROPERTIES FIXTURES_SETUP populated_alone FIXTURES_REQUIRED "")
+endif()
