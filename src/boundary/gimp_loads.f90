@@ -8,14 +8,18 @@ module gimp_loads
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, canonical_node, block_of_node
   use gimp_blocks, only: slot_of_node, node_in_block
   use gimp_particles, only: few_chunks
-  use gimp_engine, only: engine_t
+  use gimp_ranks, only: ranks
+  use gimp_over_ranks, only: sum_of, sum_columns, sum_counts
+  use gimp_engine, only: engine_t, spill_t
+  use gimp_borders, only: exchange_entries
+  use gimp_list_kernel, only: add_spill
   use gimp_splines, only: spline_t, make_spline
   use gimp_basis, only: weight_list_t, make_weight_list, spline_degree
   use gimp_time_table, only: time_table_t, factor_at
   implicit none(type, external)
   private
   public :: load_t, loads_t, load_traction, load_pressure, load_point, gravity_t, gravity_at
-  public :: collect_loads, add_loads, work_of_loads, most_face_loads
+  public :: has_loads, collect_loads, add_loads, work_of_loads, sum_of_loads, most_face_loads
 
   integer, parameter :: load_traction = 1, load_pressure = 2, load_point = 3
   !> Face loads of a scene: six bits each in a whole number that a particle keeps as a real, 7 in double precision, 4 in single
@@ -45,6 +49,7 @@ module gimp_loads
     integer :: n = 0
     real(dp), allocatable :: x(:, :) !! (3, point) [cells from the corner of the box]
     real(dp), allocatable :: f(:, :) !! (3, point) [N]
+    integer, allocatable :: block(:) !! (point) of the particle
   end type loads_t
 
 contains
@@ -62,7 +67,14 @@ contains
     end do
   end function gravity_at
 
-  !> Points and forces of all loads on particles at the present positions, in stored order
+  !> Whether the scene has loads on particles
+  pure logical function has_loads(loads)
+    type(loads_t), intent(in) :: loads
+    has_loads = .false.
+    if (allocated(loads%load)) has_loads = size(loads%load) > 0
+  end function has_loads
+
+  !> Points and forces of all loads on particles of this rank at the present positions, in stored order
   subroutine collect_loads(loads, engine, time)
     type(loads_t), intent(inout) :: loads
     type(engine_t), intent(in) :: engine
@@ -71,9 +83,8 @@ contains
     integer :: g, c, l, k
     integer(i8) :: marks
     loads%n = 0
-    if (.not. allocated(loads%load)) return
-    if (size(loads%load) == 0) return
-    if (.not. allocated(loads%x)) allocate (loads%x(3, 64), loads%f(3, 64))
+    if (.not. has_loads(loads)) return
+    if (.not. allocated(loads%x)) allocate (loads%x(3, 64), loads%f(3, 64), loads%block(64))
     call find_loaded(loads, engine, loaded)
     associate (particles => engine%particles)
       do g = 1, size(particles%groups)
@@ -86,7 +97,7 @@ contains
             do k = 1, size(loads%load)
               if (loads%load(k)%kind == load_point) then
                 if (loads%load(k)%id /= particles%id(l, c)) cycle
-                call add_point(loads, place_of(engine, g, c, l), loads%load(k)%vector*factor_at(loads%load(k)%table, time))
+                call add_point(loads, engine%particles%groups(g)%block, place_of(engine, g, c, l), loads%load(k)%vector*factor_at(loads%load(k)%table, time))
               else if (marks > 0) then
                 call add_faces(loads, engine, g, c, l, loads%load(k), iand(shiftr(marks, 6*loads%load(k)%place), 63_i8), time)
               end if
@@ -179,16 +190,16 @@ contains
       force = force*factor_at(load%table, time)
       select case (d)
       case (1)
-        call add_point(loads, x, force)
+        call add_point(loads, engine%particles%groups(g)%block, x, force)
       case (2)
         q = merge(a, b, a <= 2)
-        call add_point(loads, x - s(:, q), 0.5_dp*force)
-        call add_point(loads, x + s(:, q), 0.5_dp*force)
+        call add_point(loads, engine%particles%groups(g)%block, x - s(:, q), 0.5_dp*force)
+        call add_point(loads, engine%particles%groups(g)%block, x + s(:, q), 0.5_dp*force)
       case default
-        call add_point(loads, x - s(:, a) - s(:, b), 0.25_dp*force)
-        call add_point(loads, x + s(:, a) - s(:, b), 0.25_dp*force)
-        call add_point(loads, x - s(:, a) + s(:, b), 0.25_dp*force)
-        call add_point(loads, x + s(:, a) + s(:, b), 0.25_dp*force)
+        call add_point(loads, engine%particles%groups(g)%block, x - s(:, a) - s(:, b), 0.25_dp*force)
+        call add_point(loads, engine%particles%groups(g)%block, x + s(:, a) - s(:, b), 0.25_dp*force)
+        call add_point(loads, engine%particles%groups(g)%block, x - s(:, a) + s(:, b), 0.25_dp*force)
+        call add_point(loads, engine%particles%groups(g)%block, x + s(:, a) + s(:, b), 0.25_dp*force)
       end select
     end do
 
@@ -218,8 +229,9 @@ contains
     if (engine%particles%half_length%first > 0) half = engine%particles%p(l, engine%particles%half_length%first + k - 1, c)
   end function initial_half
 
-  subroutine add_point(loads, x, f)
+  subroutine add_point(loads, block, x, f)
     type(loads_t), intent(inout) :: loads
+    integer, intent(in) :: block
     real(dp), intent(in) :: x(3), f(3)
     real(dp), allocatable :: wider(:, :)
     if (loads%n == size(loads%x, 2)) then
@@ -229,13 +241,24 @@ contains
       allocate (wider(3, 2*loads%n))
       wider(:, :loads%n) = loads%f
       call move_alloc(wider, loads%f)
+      loads%block = [loads%block, loads%block]
     end if
     loads%n = loads%n + 1
     loads%x(:, loads%n) = x
+    loads%block(loads%n) = block
     loads%f(:, loads%n) = f
   end subroutine add_point
 
-  !> Add the loads to the forces of the nodes (fields 5-7), with tents or splines at the points
+  !> Force of all loads [N]. Collective
+  function sum_of_loads(loads) result(force)
+    type(loads_t), intent(in) :: loads
+    real(dp) :: force(3)
+    real(dp) :: f(3, loads%n)
+    if (loads%n > 0) f = loads%f(:, :loads%n)
+    call sum_columns(f, force)
+  end function sum_of_loads
+
+  !> Add the loads to the forces of the nodes (fields 5-7), with tents or splines at the points. Collective
   subroutine add_loads(loads, engine, slots, masses, cutoff, raw, lost)
     type(loads_t), intent(in) :: loads
     type(engine_t), intent(in) :: engine
@@ -244,22 +267,37 @@ contains
     real(wp), intent(in) :: cutoff !! nodes with less mass do not move [kg]
     real(wp), intent(inout) :: raw(nf, nodes_per_block, slots)
     integer, intent(inout) :: lost !! points without a node of mass around them, so that their force is lost
-    real(wp) :: s(most), sign(3, most)
-    integer :: q, k, n, slot(most), place(most)
+    type(spill_t) :: given
+    real(wp) :: s(most), sign(3, most), value(nf)
+    integer :: q, k, n, slot(most), place(most), nowhere
+    value = 0.0_wp
+    nowhere = 0
     do q = 1, loads%n
-      call find_nodes(engine, slots, masses, cutoff, loads%x(:, q), n, slot, place, s, sign)
-      if (n == 0) lost = lost + 1
+      call find_nodes(engine, slots, masses, cutoff, loads%block(q), loads%x(:, q), n, slot, place, s, sign)
+      if (n == 0) nowhere = nowhere + 1
       do k = 1, n
-        raw(5:7, place(k), slot(k)) = raw(5:7, place(k), slot(k)) + real(s(k)*sign(:, k)*loads%f(:, q), wp)
+        value(5:7) = real(s(k)*sign(:, k)*loads%f(:, q), wp)
+        if (ranks > 1) then ! nodes may be of several ranks: they all add in the order of blocks
+          call add_spill(given, loads%block(q), slot(k), place(k), value)
+        else
+          raw(5:7, place(k), slot(k)) = raw(5:7, place(k), slot(k)) + value(5:7)
+        end if
       end do
+    end do
+    lost = lost + int(sum_counts(int(nowhere, i8)))
+    if (ranks == 1) return
+    call exchange_entries(engine, given)
+    do k = 1, given%n
+      raw(5:7, given%place(k), given%slot(k)) = raw(5:7, given%place(k), given%slot(k)) + given%value(5:7, k)
     end do
   end subroutine add_loads
 
   !> The nodes of mass around a point and their shares: tents (splines), or where some of the nodes have no mass (the corner of a
-  !> sheared domain may reach beyond the material) those of the others, scaled so that no force is lost
-  subroutine find_nodes(engine, slots, masses, cutoff, x, n, slot, place, s, sign)
+  !> sheared domain may reach beyond the material) those of the others, scaled so that no force is lost. Nodes farther than the
+  !> neighbours of the particle's block do not count.
+  subroutine find_nodes(engine, slots, masses, cutoff, near, x, n, slot, place, s, sign)
     type(engine_t), intent(in) :: engine
-    integer, intent(in) :: slots
+    integer, intent(in) :: slots, near !! near: block of the particle
     real(wp), intent(in) :: masses(nf, nodes_per_block, slots), cutoff
     real(dp), intent(in) :: x(3)
     integer, intent(out) :: n, slot(most), place(most)
@@ -286,6 +324,7 @@ contains
       if (any(block /= last)) last_slot = slot_of_node(engine%table, engine%grid, target)
       last = block
       slot(n + 1) = last_slot
+      if (any(abs(block_of_node(engine%grid, list%node(:, i) + origin) - engine%table%block_at(:, near)) > 1)) slot(n + 1) = 0
       place(n + 1) = node_in_block(engine%grid, target)
       if (slot(n + 1) > 0) then
         if (masses(node_mass, place(n + 1), slot(n + 1)) > cutoff) then
@@ -306,7 +345,7 @@ contains
   end subroutine find_nodes
 
   !> Work of the loads in the step with the velocity of fields 1-3 minus a share of fields 5-7 (half: the mean before and after
-  !> the force); call before particles move
+  !> the force); call before particles move. Collective
   real(dp) function work_of_loads(loads, engine, slots, g, kick, back) result(work)
     type(loads_t), intent(in) :: loads
     type(engine_t), intent(in) :: engine
@@ -315,15 +354,17 @@ contains
     real(dp), intent(in) :: kick !! step of velocities [s]
     real(wp), intent(in) :: back !! that share
     real(wp) :: s(most), sign(3, most)
+    real(dp) :: part(loads%n)
     integer :: q, k, n, slot(most), place(most)
-    work = 0.0_dp
+    part = 0.0_dp
     do q = 1, loads%n
-      call find_nodes(engine, slots, g, 0.0_wp, loads%x(:, q), n, slot, place, s, sign)
+      call find_nodes(engine, slots, g, 0.0_wp, loads%block(q), loads%x(:, q), n, slot, place, s, sign)
       do k = 1, n
-        work = work + kick*s(k)*sum(sign(:, k)*loads%f(:, q)*(g(1:3, place(k), slot(k)) &
+        part(q) = part(q) + kick*s(k)*sum(sign(:, k)*loads%f(:, q)*(g(1:3, place(k), slot(k)) &
                                                               - back*g(5:7, place(k), slot(k))))
       end do
     end do
+    work = sum_of(part)
   end function work_of_loads
 
 end module gimp_loads

@@ -3,7 +3,7 @@
 !> Every sum is formed per group of particles and then added in block order, so that it does not depend on how a run is cut.
 module gimp_measures
   use gimp_kinds, only: wp, dp, i8, lanes
-  use gimp_accumulator, only: column_sums
+  use gimp_over_ranks, only: sum_columns, sum_counts, largest_reals
   use gimp_hash_table, only: mix_bits
   use gimp_over_ranks, only: smallest_reals, largest_count, join_reals
   use gimp_tensor, only: determinant
@@ -88,12 +88,12 @@ contains
     end do
   end subroutine chunk_stress
 
-  !> Sums over all particles
+  !> Sums over all particles. Collective
   subroutine measure_totals(engine, totals)
     type(engine_t), intent(in) :: engine
     type(totals_t), intent(out) :: totals
     real(dp), allocatable :: part(:, :), speed(:) ! (sum, group)
-    real(dp) :: sums(9)
+    real(dp) :: sums(9), largest(1)
     integer :: g
     allocate (part(9, size(engine%particles%groups)), speed(size(engine%particles%groups)))
     !$omp parallel do schedule(dynamic, 16) &
@@ -102,13 +102,15 @@ contains
       call measure_group(engine, g, part(:, g), speed(g))
     end do
     !$omp end parallel do
-    call column_sums(part, sums)
+    call sum_columns(part, sums)
     totals%mass = sums(1)
     totals%kinetic = sums(2)
     totals%stored = sums(3)
     totals%momentum = sums(4:6)
     totals%angular_momentum = sums(7:9)
-    if (size(speed) > 0) totals%speed = maxval(speed)
+    largest = maxval([0.0_dp, speed])
+    call largest_reals(largest)
+    totals%speed = largest(1)
   end subroutine measure_totals
 
   !> Mass, kinetic and stored energy, momentum and angular momentum of a group, and its largest speed
@@ -183,7 +185,7 @@ contains
     real(dp), intent(in) :: time, velocity_time !! [s]
     type(errors_t), intent(out) :: errors
     real(dp), allocatable :: part(:, :), largest(:, :) ! (sum, group): of position, velocity, stress, volume
-    real(dp) :: sums(4)
+    real(dp) :: sums(4), all_largest(3)
     integer :: g
     allocate (part(4, size(engine%particles%groups)), largest(3, size(engine%particles%groups)))
     !$omp parallel do schedule(dynamic, 16) &
@@ -192,15 +194,16 @@ contains
       call group_errors(engine, solution, time, velocity_time, engine%particles%groups(g), part(:, g), largest(:, g))
     end do
     !$omp end parallel do
-    call column_sums(part, sums)
+    call sum_columns(part, sums)
     if (sums(4) > 0.0_dp) sums(:3) = sqrt(sums(:3)/sums(4))
     errors%rms = sums(1)
     errors%rms_velocity = sums(2)
     errors%rms_stress = sums(3)
-    if (size(largest) == 0) return
-    errors%max = sqrt(maxval(largest(1, :)))
-    errors%max_velocity = sqrt(maxval(largest(2, :)))
-    errors%max_stress = sqrt(maxval(largest(3, :)))
+    all_largest = maxval(reshape([[0.0_dp, 0.0_dp, 0.0_dp], largest], [3, size(largest, 2) + 1]), dim=2)
+    call largest_reals(all_largest)
+    errors%max = sqrt(all_largest(1))
+    errors%max_velocity = sqrt(all_largest(2))
+    errors%max_stress = sqrt(all_largest(3))
   end subroutine measure_errors
 
   !> Squared errors of a group: sums over its particles times volume, its volume, and the largest ones
@@ -240,7 +243,7 @@ contains
   end subroutine group_errors
 
   !> Order-free hash of the whole state: the sum over particles of hash(id, block, bits of every live field), plus step and
-  !> time. Two runs with the same hash have the same bits.
+  !> time. Two runs with the same hash have the same bits. Collective
   integer(i8) function state_hash(engine, step, time) result(hash)
     type(engine_t), intent(in) :: engine
     integer(i8), intent(in) :: step
@@ -268,7 +271,7 @@ contains
       end do
       !$omp end parallel do
     end associate
-    hash = mix_bits(step) + mix_bits(transfer(time, 0_i8)) + part
+    hash = mix_bits(step) + mix_bits(transfer(time, 0_i8)) + sum_counts(part)
   end function state_hash
 
   !> Chunk and lane of the particle with a number; chunk 0 when this rank does not have it

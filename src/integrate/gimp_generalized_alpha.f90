@@ -23,18 +23,17 @@ module gimp_generalized_alpha
   use gimp_kinds, only: wp, dp
   use gimp_error, only: error_t
   use gimp_timer, only: seconds_now
-  use gimp_accumulator, only: column_sums
   use gimp_grid, only: grid_t, nodes_per_block, nf => fields_per_node, has_images
   use gimp_blocks, only: few_blocks
   use gimp_images, only: fold_images, copy_images
   use gimp_engine, only: pass_t
   use gimp_walls, only: walls_t, move_walls, constrain
-  use gimp_loads, only: gravity_at, collect_loads, add_loads, work_of_loads
+  use gimp_loads, only: gravity_at, has_loads, collect_loads, add_loads, work_of_loads, sum_of_loads
   use gimp_nodes, only: node_step_t, stage_full, fields_last, fields_first, velocity_of, note_cut_nodes, sign_or_zero, n_node_sums, &
     book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_reaction, book_impulse
   use gimp_run_state, only: stepper_t, damping_local, phase_grid
   use gimp_particle_stage, only: run_pass
-  use gimp_nodal_stage, only: collect_pads, remember_images, book_images, book_stage, copy_masses
+  use gimp_nodal_stage, only: collect_pads, remember_images, book_images, book_stage, copy_masses, sum_slots
   implicit none(type, external)
   private
   public :: alpha_t, make_alpha, advance_free, bifurcation_limit, stability_limit, mapped_limit, alpha_stage
@@ -122,8 +121,8 @@ contains
     if (allocated(error)) return
     start = seconds_now()
     call put_displacements(s)
-    if (s%loads%n > 0) then
-      s%books%impulse = s%books%impulse + s%dt*sum(s%loads%f(:, :s%loads%n), dim=2)
+    if (has_loads(s%loads)) then
+      s%books%impulse = s%books%impulse + s%dt*sum_of_loads(s%loads)
       s%books%work_external = s%books%work_external + work_of_loads(s%loads, s%engine, s%engine%table%slots, s%engine%g, s%dt, 0.0_wp)
     end if
     if (has_images(s%engine%grid)) call book_images(s, s%dt)
@@ -154,7 +153,7 @@ contains
     call remember_images(s, stage_full)
     call fold_images(s%engine%images, s%engine%table%slots, s%raw)
     call collect_loads(s%loads, s%engine, s%time)
-    if (s%loads%n > 0) then
+    if (has_loads(s%loads)) then
       lost = 0
       call copy_masses(s)
       call add_loads(s%loads, s%engine, s%engine%table%slots, s%engine%g, s%cutoff_mass, s%raw, lost)
@@ -189,7 +188,7 @@ contains
       !$omp end parallel do
       call copy_images(engine%images, table%slots, engine%g)
     end associate
-    call column_sums(part, sums)
+    call sum_slots(s, part, sums)
     call book_stage(s%books, stage_full, s%dt, 0.0_dp, sums)
   end subroutine update_all
 

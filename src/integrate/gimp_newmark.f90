@@ -18,18 +18,17 @@ module gimp_newmark
   use gimp_kinds, only: wp, dp
   use gimp_error, only: error_t
   use gimp_timer, only: seconds_now
-  use gimp_accumulator, only: column_sums
   use gimp_grid, only: nodes_per_block, has_images
   use gimp_blocks, only: few_blocks
   use gimp_images, only: fold_images, copy_images
   use gimp_engine, only: pass_t, sum_external, sum_impulse
   use gimp_walls, only: walls_t, move_walls, constrain
-  use gimp_loads, only: gravity_at, collect_loads, add_loads, work_of_loads
+  use gimp_loads, only: gravity_at, has_loads, collect_loads, add_loads, work_of_loads, sum_of_loads
   use gimp_nodes, only: stage_full, sign_or_zero
   use gimp_run_state, only: stepper_t, damping_local, phase_grid, power_forces, power_gravity, power_walls, power_damping, &
     power_external, power_lost, n_powers
   use gimp_particle_stage, only: run_pass
-  use gimp_nodal_stage, only: collect_pads, remember_images, book_images, copy_masses
+  use gimp_nodal_stage, only: collect_pads, remember_images, book_images, copy_masses, sum_slots
   implicit none(type, external)
   private
   public :: begin_newmark, displace_stage, correct_stage, newmark_limit
@@ -113,7 +112,7 @@ contains
     call remember_images(s, stage_full)
     call fold_images(s%engine%images, s%engine%table%slots, s%raw)
     call collect_loads(s%loads, s%engine, time)
-    if (s%loads%n > 0) then
+    if (has_loads(s%loads)) then
       lost = 0
       call copy_masses(s)
       call add_loads(s%loads, s%engine, s%engine%table%slots, s%engine%g, s%cutoff_mass, s%raw, lost)
@@ -121,7 +120,7 @@ contains
     end if
     allocate (part(n_sums, s%engine%table%slots), source=0.0_dp)
     call find_accelerations(s, gravity, before, after, part)
-    call column_sums(part, sums)
+    call sum_slots(s, part, sums)
     s%pull = sums(at_pull + 1:at_pull + 3)
     s%books%reaction = sums(at_reaction + 1:at_reaction + 3)
     s%books%cut_nodes = s%books%cut_nodes + nint(sums(at_cut), kind(s%books%cut_nodes))
@@ -134,7 +133,7 @@ contains
     call collect_pads(s)
     call fold_images(s%engine%images, s%engine%table%slots, s%raw)
     call find_powers(s, gravity, before, after, part)
-    call column_sums(part, sums)
+    call sum_slots(s, part, sums)
     s%power = reshape(sums(:2*n_powers), [2, n_powers])
     call find_outside(s)
     call book_kick(s, kick, -1.0_dp)
@@ -254,8 +253,8 @@ contains
     end if
     s%power(1, power_external) = s%sums(sum_external)
     s%pull = s%pull + s%sums(sum_impulse:sum_impulse + 2)
-    if (s%loads%n == 0) return
-    s%pull = s%pull + sum(s%loads%f(:, :s%loads%n), dim=2)
+    if (.not. has_loads(s%loads)) return
+    s%pull = s%pull + sum_of_loads(s%loads)
     with_velocity = work_of_loads(s%loads, s%engine, s%engine%table%slots, s%memory, 1.0_dp, 0.0_wp)
     s%power(1, power_external) = s%power(1, power_external) + with_velocity
     s%power(2, power_external) = work_of_loads(s%loads, s%engine, s%engine%table%slots, s%memory, 1.0_dp, -1.0_wp) - with_velocity

@@ -3,13 +3,13 @@
 module gimp_nodal_stage
   use gimp_kinds, only: wp, dp
   use gimp_timer, only: seconds_now
-  use gimp_accumulator, only: column_sums
+  use gimp_over_ranks, only: sum_columns
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, has_images
   use gimp_blocks, only: few_blocks
   use gimp_images, only: note_images, fold_images, copy_images
   use gimp_engine, only: sum_affine
   use gimp_pads, only: sum_pads, add_spills
-  use gimp_loads, only: gravity_at, collect_loads, add_loads, work_of_loads
+  use gimp_loads, only: gravity_at, has_loads, collect_loads, add_loads, work_of_loads, sum_of_loads
   use gimp_nodes, only: update_nodes, node_step_t, stage_full, stage_velocity, stage_kick, stage_project, n_node_sums, &
     book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_cut, book_cut_momentum, &
     book_reaction, book_pushed, book_impulse, book_held
@@ -17,7 +17,7 @@ module gimp_nodal_stage
   use gimp_run_state, only: stepper_t, flip_now, damping_local, phase_grid
   implicit none(type, external)
   private
-  public :: nodal_stage, collect_pads, remember_images, book_images, book_stage, copy_masses
+  public :: nodal_stage, collect_pads, remember_images, book_images, book_stage, copy_masses, sum_slots
 
 
 contains
@@ -41,7 +41,7 @@ contains
     loaded = .false.
     if (stage == stage_full .or. stage == stage_kick) then
       call collect_loads(s%loads, s%engine, s%time)
-      loaded = s%loads%n > 0
+      loaded = has_loads(s%loads)
     end if
     at_once = .not. (loaded .or. s%engine%spill%n > 0 .or. has_images(s%engine%grid))
     allocate (part(n_node_sums, s%engine%table%slots))
@@ -72,16 +72,28 @@ contains
         !$omp end parallel do
         call copy_images(engine%images, table%slots, engine%g)
       end if
-      if (loaded) s%books%impulse = s%books%impulse + kick*sum(s%loads%f(:, :s%loads%n), dim=2)
+      if (loaded) s%books%impulse = s%books%impulse + kick*sum_of_loads(s%loads)
       if (loaded) s%books%work_external = s%books%work_external + work_of_loads(s%loads, engine, table%slots, engine%g, kick, 0.5_wp)
     end associate
-    call column_sums(part, sums)
+    call sum_slots(s, part, sums)
     sums(book_given) = sums(book_given) + s%sums(sum_affine) ! not a field of the nodes
     call book_stage(s%books, stage, kick, 1.0_dp - flip_now(s), sums)
     if (has_images(s%engine%grid) .and. (stage == stage_full .or. stage == stage_kick)) call book_images(s, kick)
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
 
   end subroutine nodal_stage
+
+  !> Sums over all slots, each counted by one rank. Collective
+  subroutine sum_slots(s, part, sums)
+    type(stepper_t), intent(in) :: s
+    real(dp), intent(inout) :: part(:, :) !! (quantity, slot)
+    real(dp), intent(out) :: sums(:)
+    integer :: slot
+    do slot = 1, s%engine%table%slots
+      if (.not. s%engine%table%booked(slot)) part(:, slot) = 0.0_dp
+    end do
+    call sum_columns(part, sums)
+  end subroutine sum_slots
 
   !> Sums of all pads and spills at once, in `s%raw`
   subroutine collect_pads(s)
@@ -130,18 +142,21 @@ contains
   subroutine book_images(s, kick)
     type(stepper_t), intent(inout) :: s
     real(dp), intent(in) :: kick
-    real(dp) :: impulse(3), part(3), pic
+    real(dp) :: impulse(3), pic
+    real(dp), allocatable :: part(:, :) ! (axis, image)
     integer :: k
-    impulse = 0.0_dp
+    allocate (part(3, size(s%engine%images)), source=0.0_dp)
     pic = 1.0_dp - flip_now(s)
     do k = 1, size(s%engine%images)
+      if (.not. s%engine%table%booked(s%engine%images(k)%slot)) cycle
       associate (i => s%engine%images(k), given => s%at_images(:, k))
         associate (target => s%engine%g(:, i%target_place, i%target_slot))
-          part = kick*given(5:7) + given(4)*target(5:7) + pic*(given(1:3) + given(4)*(target(1:3) - target(5:7)))
-          impulse = impulse - (1.0_dp - i%sign(1:3))*part
+          part(:, k) = -(1.0_dp - i%sign(1:3))*(kick*given(5:7) + given(4)*target(5:7) &
+                                                + pic*(given(1:3) + given(4)*(target(1:3) - target(5:7))))
         end associate
       end associate
     end do
+    call sum_columns(part, impulse)
     s%books%impulse = s%books%impulse + impulse
     s%books%reaction = s%books%reaction + impulse/kick
   end subroutine book_images

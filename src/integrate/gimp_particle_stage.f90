@@ -4,10 +4,11 @@ module gimp_particle_stage
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
   use gimp_timer, only: seconds_now
-  use gimp_accumulator, only: column_sums
+  use gimp_ranks, only: this_rank, ranks
+  use gimp_over_ranks, only: sum_columns, sum_counts, largest_count, share_text
   use gimp_basis, only: basis_ddmp
   use gimp_engine, only: pass_t, sum_external, sum_plastic, sum_clamped, sum_wide, sum_detached, sum_impulse, sum_handed, sum_handed_impulse, peak_rate, peak_speed, peak_strain, &
-    fate_fine, fate_inverted, fate_outside, fate_jumped
+    fate_fine, fate_inverted, fate_outside, fate_jumped, sign_failed, sign_inside, sign_restless, sign_spills
   use gimp_particle_pass, only: particle_pass
   use gimp_cell_pass, only: evens_strain, evens_stress, rates_to_cells, stress_to_cells
   use gimp_resort, only: sort_particles
@@ -67,22 +68,19 @@ contains
     type(pass_t), intent(in) :: pass
     type(error_t), allocatable, intent(out) :: error
     real(dp) :: start
-    integer :: b
     start = seconds_now()
     call particle_pass(s%engine, pass)
     s%seconds(phase_particles) = s%seconds(phase_particles) + seconds_now() - start
     associate (engine => s%engine)
-      if (any(engine%fate(1, :) /= fate_fine)) then
-        b = findloc(engine%fate(1, :) /= fate_fine, .true., dim=1)
-        call tell_fate(s, b, error)
-        if (s%time_options%redo .and. all(engine%fate(1, :) == fate_fine .or. engine%fate(1, :) == fate_outside)) &
-          s%hopeless = walked_out(s)
+      if (engine%told(sign_failed) > 0.0_dp) then
+        call tell_worst(s, error)
+        if (s%time_options%redo .and. .not. engine%told(sign_inside) > 0.0_dp) s%hopeless = walked_out(s)
         return
       end if
-      if (pass%force) s%rate = sqrt(maxval(engine%peaks(peak_rate, :)))
-      if (pass%momentum) s%speed = sqrt(maxval(engine%peaks(peak_speed, :)))
-      if (pass%strain) s%strain_rate = sqrt(maxval(engine%peaks(peak_strain, :)))
-      call column_sums(engine%sums, s%sums)
+      if (pass%force) s%rate = sqrt(engine%told(peak_rate))
+      if (pass%momentum) s%speed = sqrt(engine%told(peak_speed))
+      if (pass%strain) s%strain_rate = sqrt(engine%told(peak_strain))
+      call sum_columns(engine%sums, s%sums)
       s%books%plastic = s%books%plastic + s%sums(sum_plastic)
       if (.not. pass%own_kick) then ! such passes tell powers, which their integrator books
         s%books%work_external = s%books%work_external + s%sums(sum_external)
@@ -93,8 +91,9 @@ contains
       s%books%wide_chunks = s%books%wide_chunks + nint(s%sums(sum_wide), i8)
       s%books%handed = s%books%handed + nint(s%sums(sum_handed), i8)
       s%books%handed_impulse = s%books%handed_impulse + s%sums(sum_handed_impulse)
-      s%books%spilled = s%books%spilled + engine%spill%n
-      if (pass%momentum .or. pass%force) s%sort_now = s%sort_now .or. any(engine%restless)
+      if (engine%told(sign_spills) > 0.0_dp) s%books%spilled = s%books%spilled &
+        + sum_counts(count(engine%spill%block(:engine%spill%n) <= engine%table%blocks, kind=i8))
+      if (pass%momentum .or. pass%force) s%sort_now = s%sort_now .or. engine%told(sign_restless) > 0.0_dp
     end associate
   end subroutine run_one_pass
 
@@ -117,11 +116,32 @@ contains
     state_pass%inertia = .true.
   end function state_pass
 
+  !> The message for the first particle that went wrong, in the order of blocks; all ranks get it
+  subroutine tell_worst(s, error)
+    type(stepper_t), intent(in) :: s
+    type(error_t), allocatable, intent(out) :: error
+    character(len=:), allocatable :: message
+    integer(i8) :: key, first, root
+    integer :: b
+    b = findloc(s%engine%fate(1, :) /= fate_fine, .true., dim=1)
+    key = huge(key)
+    if (b > 0) key = s%engine%table%block_code(b)
+    first = key
+    if (ranks > 1) first = -largest_count(-key)
+    message = ""
+    if (b > 0 .and. key == first) call tell_fate(s, b, message)
+    if (ranks > 1) then
+      root = largest_count(merge(int(this_rank, i8), -1_i8, b > 0 .and. key == first))
+      call share_text(int(root), message)
+    end if
+    call raise(error, message)
+  end subroutine tell_worst
+
   !> The message for a particle that went wrong
-  subroutine tell_fate(s, b, error)
+  subroutine tell_fate(s, b, message)
     type(stepper_t), intent(in) :: s
     integer, intent(in) :: b
-    type(error_t), allocatable, intent(out) :: error
+    character(len=:), allocatable, intent(out) :: message
     character(len=:), allocatable :: where, why
     real(dp) :: x
     integer :: c, l, k
@@ -143,20 +163,20 @@ contains
     case (fate_jumped); why = "it moved by more than a block in one step"
     case default; why = "its position or deformation is not a number"
     end select
-    call raise(error, "step "//text_of(s%step + 1)//", t = "//text_of(s%time)//" s, dt = "//text_of(s%dt)//" s: particle " &
-               //text_of(s%engine%particles%id(l, c))//" at"//where//" m: "//why)
+    message = "step "//text_of(s%step + 1)//", t = "//text_of(s%time)//" s, dt = "//text_of(s%dt)//" s: particle " &
+               //text_of(s%engine%particles%id(l, c))//" at"//where//" m: "//why
   end subroutine tell_fate
 
   !> Whether the particles that left the grid did so at less than a cell per step: then they go there with any step
   pure logical function walked_out(s)
     type(stepper_t), intent(in) :: s
-    walked_out = s%dt*sqrt(maxval(s%engine%peaks(peak_speed, :))) < s%engine%grid%spacing
+    walked_out = s%dt*sqrt(s%engine%told(peak_speed)) < s%engine%grid%spacing
   end function walked_out
 
   !> Sort, and renew what hangs on the tables of blocks
   subroutine resort(s, leaving)
     type(stepper_t), intent(inout) :: s
-    logical, intent(in), optional :: leaving(:, :)
+    logical, allocatable, intent(inout), optional :: leaving(:, :) !! (lane, chunk); used up
     real(dp) :: start
     start = seconds_now()
     call sort_particles(s%engine, leaving)

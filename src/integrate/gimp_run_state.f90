@@ -4,7 +4,7 @@
 module gimp_run_state
   use gimp_kinds, only: wp, dp, i8
   use gimp_parcel, only: parcel_t, carry, carry_bits
-  use gimp_accumulator, only: column_sums
+  use gimp_over_ranks, only: sum_columns, largest_reals, smallest_reals
   use gimp_blocks, only: few_blocks
   use gimp_particles, only: few_chunks
   use gimp_basis, only: basis_ddmp
@@ -258,7 +258,7 @@ contains
       end do
       !$omp end parallel do
     end associate
-    call column_sums(part, momentum)
+    call sum_columns(part, momentum)
   end function momentum_of
 
   !> Mass of all particles and of the heaviest one [kg]
@@ -268,7 +268,7 @@ contains
     real(wp), intent(out) :: heaviest
     real(wp), intent(out) :: lightest_density !! least mass over volume before deformation [kg/m3]
     real(dp), allocatable :: part(:, :) ! (1, group)
-    real(dp) :: sums(1)
+    real(dp) :: sums(1), extreme(1)
     integer :: g, c
     allocate (part(1, size(s%engine%particles%groups)), source=0.0_dp)
     heaviest = 0.0_wp
@@ -285,8 +285,14 @@ contains
       end do
       !$omp end parallel do
     end associate
-    call column_sums(part, sums)
+    call sum_columns(part, sums)
     mass = sums(1)
+    extreme = heaviest
+    call largest_reals(extreme)
+    heaviest = real(extreme(1), wp)
+    extreme = lightest_density
+    call smallest_reals(extreme)
+    lightest_density = real(extreme(1), wp)
   end subroutine weigh
 
 end module gimp_run_state

@@ -5,8 +5,7 @@
 module gimp_saved_state
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_storage, only: storage_t, reserve_storage
-  use gimp_blocks, only: build_blocks
-  use gimp_images, only: images_wanted, build_images
+  use gimp_borders, only: build_tables
   use gimp_particles, only: particles_t, group_t, allot_chunks, chunk_bytes, id_bytes
   use gimp_engine, only: engine_t, allot_grid
   use gimp_books, only: books_t
@@ -33,10 +32,11 @@ module gimp_saved_state
   type :: saved_state_t
     type(clock_t) :: clock
     type(books_t) :: books
-    integer(i8), private :: n = 0
+    integer(i8), private :: n = 0, n_all = 0
     integer, private :: chunks = 0
     type(group_t), allocatable :: groups(:)
     integer, allocatable, private :: block_group(:)
+    integer(i8), allocatable, private :: cut(:) ! which keys each rank owned
     real(wp), pointer, contiguous :: p(:, :, :) => null() !! (lane, component, chunk)
     integer(i8), pointer, contiguous :: id(:, :) => null() !! (lane, chunk)
     type(storage_t), private :: store, id_store
@@ -53,15 +53,18 @@ contains
   end function saved_bytes
 
   !> Copy the particles; groups only where a sort has changed them
-  subroutine save_particles(particles, sorted, saved)
+  subroutine save_particles(particles, cut, sorted, saved)
     type(particles_t), intent(in) :: particles
+    integer(i8), allocatable, intent(in) :: cut(:) !! which keys each rank owns; not allocated for one rank
     logical, intent(in) :: sorted !! since they were saved last
     type(saved_state_t), intent(inout) :: saved
     if (sorted .or. .not. associated(saved%p)) then
       saved%n = particles%n
+      saved%n_all = particles%n_all
       saved%chunks = particles%chunks
       saved%groups = particles%groups
       saved%block_group = particles%block_group
+      if (allocated(cut)) saved%cut = cut
       call reserve_storage(saved%store, chunk_bytes(particles%components, particles%chunks))
       call c_f_pointer(saved%store%address, saved%p, [lanes, particles%components, particles%chunks])
       call reserve_storage(saved%id_store, id_bytes(particles%chunks))
@@ -80,8 +83,10 @@ contains
       call allot_chunks(engine%particles, saved%chunks)
       engine%particles%id = saved%id
       engine%particles%n = saved%n
+      engine%particles%n_all = saved%n_all
       engine%particles%groups = saved%groups
       engine%particles%block_group = saved%block_group
+      if (allocated(saved%cut)) engine%border%cut = saved%cut
     end if
     call copy_chunks(engine%particles%components, saved%chunks, saved%p, engine%particles%p)
     if (sorted) call rebuild_blocks(engine)
@@ -120,15 +125,13 @@ contains
   !> The tables of active blocks as the sort made them, from the blocks that the groups name
   subroutine rebuild_blocks(engine)
     type(engine_t), intent(inout) :: engine
-    integer, allocatable :: at(:, :), extra(:, :)
+    integer, allocatable :: at(:, :)
     integer :: b
     allocate (at(3, size(engine%particles%block_group) - 1))
     do b = 1, size(at, 2)
       at(:, b) = engine%particles%groups(engine%particles%block_group(b))%at
     end do
-    call images_wanted(engine%grid, at, extra)
-    call build_blocks(engine%table, engine%grid, at, extra)
-    call build_images(engine%grid, engine%table, engine%images)
+    call build_tables(engine, at)
     call allot_grid(engine)
   end subroutine rebuild_blocks
 

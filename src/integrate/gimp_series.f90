@@ -11,7 +11,7 @@ module gimp_series
   use gimp_kinds, only: wp, dp
   use gimp_error, only: error_t
   use gimp_timer, only: seconds_now
-  use gimp_accumulator, only: column_sums
+  use gimp_over_ranks, only: sum_columns
   use gimp_grid, only: grid_t, nodes_per_block, nf => fields_per_node, node_mass, has_images
   use gimp_blocks, only: few_blocks
   use gimp_images, only: fold_images, copy_images
@@ -20,7 +20,7 @@ module gimp_series
   use gimp_walls, only: walls_t, constrain_change
   use gimp_run_state, only: stepper_t, in_series, usl, series_xpic, position_grid, position_published, phase_grid
   use gimp_particle_stage, only: run_pass
-  use gimp_nodal_stage, only: collect_pads
+  use gimp_nodal_stage, only: collect_pads, sum_slots
   implicit none(type, external)
   private
   public :: note_series, smooth_velocity, smooth_strain
@@ -113,7 +113,7 @@ contains
     logical, intent(in) :: keep_second !! fields 5-7 stay; else they become the sum so far
     logical, intent(in) :: book !! particles will feel it
     real(wp) :: raw(nf, nodes_per_block)
-    real(dp) :: sums(6), impulse(3), start
+    real(dp) :: sums(6), impulse(3), back(3), start
     logical :: at_once
     integer :: slot
     start = seconds_now()
@@ -122,7 +122,7 @@ contains
     associate (engine => s%engine, slots => s%engine%table%slots)
       if (.not. at_once) then
         call collect_pads(s)
-        if (book) impulse = impulse + turned_around(s, given=.true.)
+        if (book .and. has_images(engine%grid)) call turn_around(s, given=.true., momentum=impulse)
         call fold_images(engine%images, slots, s%raw)
       end if
       !$omp parallel do schedule(dynamic, 16) private(raw) if(slots > few_blocks)
@@ -141,8 +141,11 @@ contains
       if (.not. at_once) call copy_images(engine%images, slots, engine%g)
     end associate
     if (book) then
-      if (.not. at_once) impulse = impulse - turned_around(s, given=.false.)
-      call column_sums(s%star_impulse, sums)
+      if (has_images(s%engine%grid)) then
+        call turn_around(s, given=.false., momentum=back)
+        impulse = impulse - back
+      end if
+      call sum_slots(s, s%star_impulse, sums)
       impulse = impulse + sums(4:6)
       s%books%reaction = s%books%reaction + impulse/kick
       s%books%impulse = s%books%impulse + impulse + sums(1:3)
@@ -178,19 +181,22 @@ contains
 
   !> Momentum that mirrors turn around: of what their images were given by particles (if `given`), and of what the present term
   !> gives back through them [kg m/s]
-  pure function turned_around(s, given) result(momentum)
+  subroutine turn_around(s, given, momentum)
     type(stepper_t), intent(in) :: s
     logical, intent(in) :: given
-    real(dp) :: momentum(3)
+    real(dp), intent(out) :: momentum(3)
+    real(dp) :: part(3, size(s%engine%images))
     integer :: k
-    momentum = 0.0_dp
+    part = 0.0_dp
     do k = 1, size(s%engine%images)
+      if (.not. s%engine%table%booked(s%engine%images(k)%slot)) cycle
       associate (i => s%engine%images(k))
-        momentum = momentum + (1.0_dp - i%sign(1:3))*s%at_images(node_mass, k)*s%engine%g(1:3, i%target_place, i%target_slot)
-        if (given) momentum = momentum + (1.0_dp - i%sign(1:3))*s%raw(1:3, i%place, i%slot)
+        part(:, k) = (1.0_dp - i%sign(1:3))*s%at_images(node_mass, k)*s%engine%g(1:3, i%target_place, i%target_slot)
+        if (given) part(:, k) = part(:, k) + (1.0_dp - i%sign(1:3))*s%raw(1:3, i%place, i%slot)
       end associate
     end do
-  end function turned_around
+    call sum_columns(part, momentum)
+  end subroutine turn_around
 
   !> The sum goes where particles look for it
   subroutine end_sum(s, first)

@@ -53,7 +53,7 @@ contains
     if (.not. s%time_options%redo) return
     s%stored = elastic_energy_of(s%engine)
     s%energy_noise = elastic_round_off(s%engine)
-    call save_particles(s%engine%particles, .true., s%saved)
+    call save_particles(s%engine%particles, s%engine%border%cut, .true., s%saved)
     s%saved%books%sorts = s%books%sorts
   end subroutine start_run
 
@@ -63,7 +63,7 @@ contains
     call set_bounds(s)
     call find_held(s)
     if (.not. s%time_options%redo) return
-    call save_particles(s%engine%particles, .true., s%saved)
+    call save_particles(s%engine%particles, s%engine%border%cut, .true., s%saved)
     s%saved%books%sorts = s%books%sorts
   end subroutine resume_run
 
@@ -229,7 +229,7 @@ contains
     s%time = s%time + s%dt
     if (s%time_options%rule /= rule_adaptive) s%time = s%step*s%time_options%step
     s%kick_before = 0.5_dp*s%dt
-    s%particle_steps = s%particle_steps + s%engine%particles%n
+    s%particle_steps = s%particle_steps + s%engine%particles%n_all
     if (s%method%damping == damping_kinetic) call relax(s, kinetic, error)
   end subroutine advance
 

@@ -20,7 +20,7 @@ contains
     type(stepper_t), intent(inout) :: s
     real(dp) :: start
     start = seconds_now()
-    call save_particles(s%engine%particles, s%books%sorts /= s%saved%books%sorts, s%saved)
+    call save_particles(s%engine%particles, s%engine%border%cut, s%books%sorts /= s%saved%books%sorts, s%saved)
     s%saved%books = s%books
     s%saved%clock = clock_t(time=s%time, step=s%step, particle_steps=s%particle_steps, dt=s%dt, free_dt=s%free_dt, &
                             kick_before=s%kick_before, rate=s%rate, speed=s%speed, strain_rate=s%strain_rate, &

@@ -16,14 +16,16 @@ module gimp_blocks
 
   !> The active blocks and who neighbours whom
   type :: block_table_t
-    integer :: blocks = 0 !! blocks with particles
+    integer :: blocks = 0 !! blocks with particles of this rank
+    integer :: ghosts = 0 !! blocks of other ranks whose particles reach nodes here; numbered after those of this rank
     integer :: slots = 0 !! blocks with nodes
-    integer, allocatable :: block_at(:, :) !! (3, block) position in blocks
+    integer, allocatable :: block_at(:, :) !! (3, block) position in blocks, ghosts included
     integer, allocatable :: slot_at(:, :) !! (3, slot) position in blocks
-    integer(i8), allocatable :: block_code(:) !! (block) key
+    integer(i8), allocatable :: block_code(:) !! (block) key, ghosts included
     integer, allocatable :: slot_near(:, :) !! (27, block) slots around a block, itself at 14
     integer, allocatable :: block_near(:, :) !! (27, slot) blocks around a slot, 0 where there is none
     integer, allocatable :: own_block(:) !! (slot) its particle block or 0
+    logical, allocatable :: booked(:) !! (slot) this rank counts it in sums: every slot is counted by one rank
     type(hash_table_t) :: slot_of !! key -> slot
   end type block_table_t
 
@@ -36,17 +38,23 @@ contains
   end function neighbour
 
   !> Build the tables for the blocks at `at`, given in ascending order of their keys and without repeats
-  subroutine build_blocks(table, grid, at, extra)
+  subroutine build_blocks(table, grid, at, extra, ghost_at)
     type(block_table_t), intent(inout) :: table
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: at(:, :) !! (3, block)
     integer, intent(in) :: extra(:, :) !! (3, any) further slots wanted: images of periodic and symmetric sides
+    integer, intent(in), optional :: ghost_at(:, :) !! (3, ghost) blocks of other ranks
     integer(i8), allocatable :: keys(:), distinct(:)
     integer, allocatable :: ignored(:)
     integer :: s, value
 
     table%blocks = size(at, 2)
+    table%ghosts = 0
     table%block_at = at
+    if (present(ghost_at)) then
+      table%ghosts = size(ghost_at, 2)
+      table%block_at = reshape([at, ghost_at], [3, table%blocks + table%ghosts])
+    end if
     call wanted_keys(grid, at, extra, keys)
     call rank_keys(keys, distinct, ignored)
     table%slots = size(distinct)
@@ -104,11 +112,12 @@ contains
     integer, intent(in) :: dim
     integer(i8) :: around(27)
     integer :: b, s, k
-    if (allocated(table%slot_near)) deallocate (table%slot_near, table%block_near, table%own_block, table%block_code)
+    if (allocated(table%slot_near)) deallocate (table%slot_near, table%block_near, table%own_block, table%block_code, table%booked)
     allocate (table%slot_near(27, table%blocks), source=0)
     allocate (table%block_near(27, table%slots), source=0)
     allocate (table%own_block(table%slots), source=0)
-    allocate (table%block_code(table%blocks))
+    allocate (table%booked(table%slots), source=.true.)
+    allocate (table%block_code(table%blocks + table%ghosts))
     !$omp parallel do schedule(static) private(around, k, s) if(table%blocks > few_blocks)
     do b = 1, table%blocks
       around = keys_around(table%block_at(:, b))
@@ -122,6 +131,15 @@ contains
       table%own_block(table%slot_near(14, b)) = b
     end do
     !$omp end parallel do
+    do b = table%blocks + 1, table%blocks + table%ghosts ! their slots are here only as far as they matter here
+      around = keys_around(table%block_at(:, b))
+      table%block_code(b) = around(14)
+      do k = 1, 27
+        if (.not. is_near(dim, k)) cycle
+        s = find_key(table%slot_of, around(k))
+        if (s > 0) table%block_near(28 - k, s) = b
+      end do
+    end do
   end subroutine connect
 
   !> Slot of the block that holds a node, 0 if it is not active

@@ -10,7 +10,7 @@ module gimp_images
   use omp_lib, only: omp_get_max_threads
   implicit none(type, external)
   private
-  public :: image_t, images_wanted, build_images, note_images, fold_images, copy_images
+  public :: image_t, related_blocks, images_wanted, build_images, note_images, fold_images, copy_images
 
   integer, parameter :: few_images = 500 !! not worth waking other threads for
 
@@ -72,6 +72,64 @@ contains
     end subroutine targets_on_axis
 
   end subroutine images_wanted
+
+  !> Blocks that share a node with a block, itself included: some of their nodes stand for each other
+  pure subroutine related_blocks(grid, at, list)
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: at(3)
+    integer, allocatable, intent(out) :: list(:, :) !! (3, any)
+    integer, allocatable :: along(:, :)
+    integer :: n(3), k, i, j, l
+    allocate (along(64, 3))
+    do k = 1, 3
+      call related_on_axis(grid, k, at(k), along(:, k), n(k))
+    end do
+    list = reshape([(((along(i, 1), along(j, 2), along(l, 3), i=1, n(1)), j=1, n(2)), l=1, n(3))], [3, product(n)])
+  end subroutine related_blocks
+
+  !> The same along one axis
+  pure subroutine related_on_axis(grid, k, at, list, n)
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: k, at
+    integer, intent(inout) :: list(:)
+    integer, intent(out) :: n
+    integer :: low, high, i, home
+    list(1) = at
+    n = 1
+    if (k > grid%dim) return
+    if (.not. (grid%periodic(k) .or. grid%mirror_low(k) .or. grid%mirror_high(k))) return
+    low = 3*grid%edge(k) ! beyond it no image within reach of a particle has its target
+    high = grid%cells(k) - 3*grid%edge(k)
+    if (at*grid%edge(k) >= low .and. (at + 1)*grid%edge(k) <= high) return
+    do i = -low, grid%cells(k) + low
+      if (i > low .and. i < high) cycle
+      home = (i - modulo(i, grid%edge(k)))/grid%edge(k)
+      if (any(list(:n) == home) .or. n == size(list)) cycle
+      if (shares_node(i)) then
+        n = n + 1
+        list(n) = home
+      end if
+    end do
+
+  contains
+
+    !> Whether a node of the block stands for the same node as node i
+    pure logical function shares_node(i)
+      integer, intent(in) :: i
+      integer :: node(3), target(3), other(3), j
+      real(wp) :: sign(3)
+      node = 0
+      node(k) = i
+      call canonical_node(grid, node, target, sign)
+      do j = at*grid%edge(k), (at + 1)*grid%edge(k) - 1
+        node(k) = j
+        call canonical_node(grid, node, other, sign)
+        shares_node = other(k) == target(k)
+        if (shares_node) return
+      end do
+    end function shares_node
+
+  end subroutine related_on_axis
 
   !> List every active node that stands for another, in the order of the slots of the nodes they stand for, then of their own
   subroutine build_images(grid, table, images)

@@ -7,7 +7,8 @@ module gimp_cell_pass
   use gimp_particles, only: few_chunks
   use gimp_chunk_state, only: chunk_law_deformation, chunk_history
   use gimp_cells, only: give_to_cells, sum_cells, stress_values
-  use gimp_particle_pass, only: particle_pass, allot_spills
+  use gimp_particle_pass, only: particle_pass, allot_spills, tell_signs, complete_pads
+  use gimp_list_kernel, only: order_spill
   implicit none(type, external)
   private
   public :: evens_strain, evens_stress, rates_to_cells, stress_to_cells
@@ -49,6 +50,9 @@ contains
       end do
     end do
     !$omp end parallel
+    call order_spill(engine%spilled, engine%spill)
+    call tell_signs(engine)
+    call complete_pads(engine, .true.)
     call sum_cells(engine)
   end subroutine stress_to_cells
 

@@ -12,7 +12,7 @@ module gimp_cells
   use gimp_kernels, only: to_lanes, to_fields
   use gimp_engine, only: engine_t, pad_edge, drift
   use gimp_pads, only: sum_pads, add_spills
-  use gimp_list_kernel, only: add_spill, order_spill
+  use gimp_list_kernel, only: add_spill
   use omp_lib, only: omp_get_thread_num
   implicit none(type, external)
   private
@@ -98,10 +98,9 @@ contains
   !> Add up what the blocks collected in their pads; ghosts of periodic sides give to the cells they stand for, and show their sums
   subroutine sum_cells(engine)
     type(engine_t), intent(inout) :: engine
-    logical :: whole(engine%table%blocks)
+    logical :: whole(engine%table%blocks + engine%table%ghosts)
     integer :: k, slot
     whole = .true.
-    call order_spill(engine%spilled, engine%spill)
     !$omp parallel do schedule(static) if(engine%table%slots > few_blocks)
     do slot = 1, engine%table%slots
       call sum_pads(engine, slot, engine%cell_sum(:, :, slot), whole)

@@ -1,7 +1,7 @@
 !> What is read off the particles chunk by chunk: the full deformation gradient, and the elastic energy of them all
 module gimp_chunk_state
   use gimp_kinds, only: wp, dp, lanes
-  use gimp_accumulator, only: block_sum
+  use gimp_over_ranks, only: sum_of
   use gimp_particles, only: particles_t
   use gimp_material, only: most_states, load_history
   use gimp_engine, only: engine_t
@@ -53,7 +53,7 @@ contains
     call load_history(particles%state%components, particles%p(:, first:first + particles%state%components - 1, c), history)
   end subroutine chunk_history
 
-  !> Elastic energy of all particles [J], summed per group and then in their order
+  !> Elastic energy of all particles [J], summed per group first. Collective
   real(dp) function elastic_energy_of(engine)
     type(engine_t), intent(in) :: engine
     real(wp) :: f(lanes, 9), history(lanes, most_states), energy(lanes)
@@ -74,23 +74,24 @@ contains
       end do
       !$omp end parallel do
     end associate
-    elastic_energy_of = block_sum(part)
+    elastic_energy_of = sum_of(part)
   end function elastic_energy_of
 
-  !> Round-off of that energy [J]: laws take differences of numbers of the size of their modulus
+  !> Round-off of that energy [J]: laws take differences of numbers of the size of their modulus. Collective
   real(dp) function elastic_round_off(engine) result(energy)
     type(engine_t), intent(in) :: engine
+    real(dp) :: part(size(engine%particles%groups))
     integer :: g
-    energy = 0.0_dp
     associate (particles => engine%particles)
       do g = 1, size(particles%groups)
         associate (law => engine%laws(particles%groups(g)%material)%law, first => particles%groups(g)%first, &
                    last => particles%groups(g)%last)
-          energy = energy + 16.0_dp*epsilon(1.0_wp)*(law%lambda + 2.0_wp*law%mu) &
+          part(g) = 16.0_dp*epsilon(1.0_wp)*(law%lambda + 2.0_wp*law%mu) &
             *sum(real(particles%p(:, particles%volume%first, first:last), dp))
         end associate
       end do
     end associate
+    energy = sum_of(part)
   end function elastic_round_off
 
 end module gimp_chunk_state

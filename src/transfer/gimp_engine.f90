@@ -7,6 +7,7 @@ module gimp_engine
   use gimp_particles, only: particles_t, chunk_bytes, id_bytes
   use gimp_basis, only: basis_linear, support_width
   use gimp_point_domains, only: point_rule_t
+  use gimp_border, only: border_t
   use gimp_material, only: material_t
   use gimp_storage, only: storage_t, reserve_storage, real_bytes
   use, intrinsic :: iso_c_binding, only: c_ptr, c_loc, c_f_pointer
@@ -16,10 +17,11 @@ module gimp_engine
   public :: anti_none, anti_f_bar, anti_b_bar, anti_cell_stress
   public :: engine_bytes, affine_none, affine_apic, affine_tpic, affine_mls
   public :: offer_tasks, take_task
-  public :: engine_t, law_t, pass_t, spill_t, body_force_t, pad_nodes, pad_edge, drift
+  public :: engine_t, law_t, pass_t, spill_t, body_force_t, pad_nodes, pad_edge, drift, work_of_pad
   public :: allot_grid, borrow_pads, make_room, pad_bytes, grid_bytes
   public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, sum_detached, sum_handed, sum_handed_impulse, n_sums
   public :: peak_rate, peak_speed, peak_strain, n_peaks
+  public :: sign_failed, sign_inside, sign_restless, sign_spills, sign_wide, n_signs
   public :: motion_none, motion_grid, motion_mean, motion_change
   public :: fate_fine, fate_inverted, fate_outside, fate_lost, fate_jumped
 
@@ -48,6 +50,13 @@ module gimp_engine
   integer, parameter :: peak_speed = 2 !! squared particle speed [m2/s2]
   integer, parameter :: peak_strain = 3 !! squared norm of the velocity gradient [1/s2]
   integer, parameter :: n_peaks = 3
+  !> What a pass tells of all blocks of all ranks, after the peaks: 1 if it is so anywhere
+  integer, parameter :: sign_failed = 4 !! a particle went wrong
+  integer, parameter :: sign_inside = 5 !! and not by leaving the grid
+  integer, parameter :: sign_restless = 6 !! a particle nears the end of its pad
+  integer, parameter :: sign_spills = 7 !! something was given beyond pads
+  integer, parameter :: sign_wide = 8 !! supports too wide for the fast kernels
+  integer, parameter :: n_signs = 8
   !> What became of the worst particle of a block
   integer, parameter :: fate_fine = 0, fate_inverted = 1, fate_outside = 2, fate_lost = 3, fate_jumped = 4
 
@@ -146,6 +155,8 @@ module gimp_engine
     integer, allocatable :: fate(:, :) !! (3, block): what, chunk, lane
     logical, allocatable :: restless(:) !! (block) a particle nears the end of the pad: sort soon
     real(wp) :: allowed_low(3) = -huge(1.0_wp), allowed_high(3) = huge(1.0_wp) !! particles must stay between [cells]
+    type(border_t) :: border !! what this rank knows of others
+    real(dp) :: told(n_signs) = 0.0_dp !! by the last pass, of all ranks: largest of the peaks, then signs
     type(storage_t), private :: pad_store, grid_store
   end type engine_t
 
@@ -211,12 +222,13 @@ contains
     integer :: n
     associate (table => engine%table)
       n = pad_nodes(engine%grid%dim, engine%basis)
-      call reserve_storage(engine%pad_store, pad_bytes(engine%grid%dim, engine%basis, table%blocks))
-      call c_f_pointer(engine%pad_store%address, engine%pad, [fields_per_node, n, table%blocks])
+      call reserve_storage(engine%pad_store, pad_bytes(engine%grid%dim, engine%basis, table%blocks + table%ghosts))
+      call c_f_pointer(engine%pad_store%address, engine%pad, [fields_per_node, n, table%blocks + table%ghosts])
+      engine%pad(:, :, table%blocks + 1:) = 0.0_wp ! parts of them are never sent
       call reserve_storage(engine%grid_store, grid_bytes(table%slots))
       call c_f_pointer(engine%grid_store%address, engine%g, [fields_per_node, nodes_per_block, table%slots])
       if (allocated(engine%drifted)) deallocate (engine%drifted, engine%sums, engine%peaks, engine%fate, engine%restless)
-      allocate (engine%drifted(table%blocks), source=.true.)
+      allocate (engine%drifted(table%blocks + table%ghosts), source=.true.)
       allocate (engine%restless(table%blocks), source=.false.)
       allocate (engine%sums(n_sums, table%blocks), source=0.0_dp)
       allocate (engine%peaks(n_peaks, table%blocks), source=0.0_wp)

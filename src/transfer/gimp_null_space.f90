@@ -7,7 +7,7 @@
 !> more particles than the rank of their weights change.
 module gimp_null_space
   use gimp_kinds, only: wp, dp, lanes
-  use gimp_accumulator, only: block_sum
+  use gimp_over_ranks, only: sum_of
   use gimp_basis, only: weight_list_t
   use gimp_blocks, only: few_blocks
   use gimp_cells, only: find_cells
@@ -63,7 +63,7 @@ contains
       call filter_block(engine, b, part(b))
     end do
     !$omp end parallel do
-    taken = block_sum(part)
+    taken = sum_of(part)
   end subroutine filter_velocities
 
   subroutine filter_block(engine, b, taken)

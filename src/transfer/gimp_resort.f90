@@ -7,14 +7,14 @@
 module gimp_resort
   use gimp_kinds, only: wp, i8, lanes
   use gimp_grid, only: block_key, block_at_key, nodes_per_block
-  use gimp_blocks, only: build_blocks
-  use gimp_images, only: images_wanted, build_images
   use gimp_hash_table, only: hash_table_t, clear_table, insert_key
   use gimp_sorting, only: rank_keys, sort_order
   use gimp_particles, only: particles_t, group_t, few_chunks
   use gimp_reorder, only: reorder_particles, reorder_bytes
-  use gimp_dual_domain, only: dual_reach
-  use gimp_basis, only: basis_linear, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_cpdi2, basis_gauss, basis_ddmp, narrow_half
+  use gimp_homes, only: shift_chunk
+  use gimp_borders, only: build_tables
+  use gimp_migration, only: migrate, balance
+  use gimp_over_ranks, only: sum_counts
   use gimp_engine, only: engine_t, allot_grid, borrow_pads
   use omp_lib, only: omp_get_max_threads
   use, intrinsic :: iso_c_binding, only: c_ptr, c_f_pointer
@@ -41,13 +41,30 @@ module gimp_resort
 
 contains
 
-  !> Sort all particles; those marked in `remove` (by chunk and lane) are dropped
+  !> Sort all particles; those marked in `remove` (by chunk and lane) are dropped. Those that left the blocks of this rank go to the
+  !> ranks that own theirs, and now and then blocks change hands so that all ranks have the same work. Collective
   subroutine sort_particles(engine, remove)
     type(engine_t), intent(inout) :: engine
-    logical, intent(in), optional :: remove(:, :) !! (lane, chunk)
+    logical, allocatable, intent(inout), optional :: remove(:, :) !! (lane, chunk); used up
+    logical, allocatable :: gone(:, :)
+    integer, allocatable :: block_at(:, :)
+    if (present(remove)) call move_alloc(remove, gone)
+    call migrate(engine, gone)
+    call sort_here(engine, block_at, gone)
+    call balance(engine, block_at)
+    call build_tables(engine, block_at)
+    call allot_grid(engine)
+    engine%particles%n_all = sum_counts(engine%particles%n)
+  end subroutine sort_particles
+
+  !> Sort the particles of this rank
+  subroutine sort_here(engine, block_at, remove)
+    type(engine_t), intent(inout) :: engine
+    integer, allocatable, intent(out) :: block_at(:, :) !! (3, block) blocks that hold them
+    logical, allocatable, intent(in) :: remove(:, :) !! (lane, chunk) these are dropped
     type(part_t), allocatable :: parts(:)
     type(group_t), allocatable :: groups(:)
-    integer, allocatable :: home(:, :), block_at(:, :), extra(:, :), in_group(:)
+    integer, allocatable :: home(:, :), in_group(:)
     integer(i8), pointer, contiguous :: source(:)
     type(c_ptr) :: memory, buffer
     integer(i8) :: source_bytes
@@ -61,10 +78,7 @@ contains
     end do
     !$omp end parallel do
     call number_blocks(parts, block_at)
-    call images_wanted(engine%grid, block_at, extra)
-    call build_blocks(engine%table, engine%grid, block_at, extra)
-    call build_images(engine%grid, engine%table, engine%images)
-    call make_groups(engine, parts, groups, in_group)
+    call make_groups(engine, block_at, parts, groups, in_group)
     chunks = 0
     if (size(groups) > 0) chunks = groups(size(groups))%last
     source_bytes = source_size(chunks)
@@ -80,8 +94,7 @@ contains
     call reorder_particles(engine%particles, chunks, source, buffer)
     call move_alloc(groups, engine%particles%groups)
     engine%particles%n = sum(int(in_group, i8))
-    call allot_grid(engine)
-  end subroutine sort_particles
+  end subroutine sort_here
 
   !> Bytes of the list of sources
   pure integer(i8) function source_size(chunks)
@@ -116,7 +129,7 @@ contains
     type(engine_t), intent(inout) :: engine
     type(part_t), intent(inout) :: part
     integer, intent(inout) :: home(lanes, engine%particles%chunks)
-    logical, intent(in), optional :: remove(:, :) !! (lane, chunk)
+    logical, allocatable, intent(in) :: remove(:, :) !! (lane, chunk)
     integer :: off(lanes, 3), cell(lanes), g, c, l, here, last, last_off(3)
     logical :: stay
 
@@ -136,7 +149,7 @@ contains
           do l = 1, lanes
             home(l, c) = 0
             if (particles%id(l, c) == 0) cycle
-            if (present(remove)) then
+            if (allocated(remove)) then
               if (remove(l, c)) cycle
             end if
             if (stay .or. all(off(l, :) == 0)) then
@@ -173,74 +186,6 @@ contains
     part%key(number) = key
   end subroutine find_block
 
-  !> How many blocks each lane of a chunk has moved, and the cell it is now in; positions become relative to the new block
-  subroutine shift_chunk(engine, at, components, p, off, cell)
-    type(engine_t), intent(in) :: engine
-    integer, intent(in) :: at(3), components
-    real(wp), intent(inout) :: p(lanes, components)
-    integer, intent(inout) :: off(lanes, 3)
-    integer, intent(out) :: cell(lanes)
-    real(wp) :: half(lanes), x(lanes), back(lanes), edge
-    integer :: k, l, stride, wrap, in_edge, q
-    cell = 0
-    stride = 1
-    do k = 1, engine%grid%dim
-      in_edge = engine%grid%edge(k)
-      edge = in_edge
-      x = p(:, k)
-      back = 0.0_wp
-      if (engine%grid%periodic(k)) then
-        do l = 1, lanes
-          wrap = floor(x(l)) + at(k)*in_edge
-          wrap = (wrap - modulo(wrap, engine%grid%cells(k)))/engine%grid%cells(k)
-          if (wrap /= 0) back(l) = wrap*engine%grid%cells(k)
-          if (wrap /= 0) x(l) = x(l) - back(l)
-        end do
-      end if
-      select case (engine%basis)
-      case (basis_linear)
-        half = 0.0_wp
-      case (basis_cpdi, basis_cpdi2, basis_gauss) ! their pads have room for so much on all sides
-        half = narrow_half
-      case (basis_ddmp)
-        half = dual_reach
-      case (basis_bspline2, basis_bspline3) ! as spline_reach
-        half = merge(0.5_wp, 1.0_wp, engine%basis == basis_bspline2 .and. engine%grid%open_degree == 0)
-      case default
-        q = engine%particles%half_length%first
-        if (engine%basis == basis_cpgimp) q = engine%particles%domain%first
-        half = engine%overlap*engine%particles%uniform_half(k)
-        if (q > 0) half = p(:, q + k - 1)
-        if (q == engine%particles%half_length%first .and. q > 0) half = engine%overlap*half
-        half = min(narrow_half, half)
-      end select
-      !$omp simd
-      do l = 1, lanes
-        off(l, k) = floor((x(l) - half(l))/edge) ! exact: edges are powers of two
-        x(l) = x(l) - off(l, k)*edge
-        ! shifting by whole blocks may round a position onto a face: it stays in its block
-        cell(l) = cell(l) + stride*min(in_edge - 1, max(0, floor(x(l) - half(l))))
-      end do
-      p(:, k) = x
-      call shift_corners(engine, k, back + off(:, k)*edge, components, p)
-      stride = stride*in_edge
-    end do
-  end subroutine shift_chunk
-
-  !> Corners of domains go with their particle: whole cells, which is exact
-  pure subroutine shift_corners(engine, k, back, components, p)
-    type(engine_t), intent(in) :: engine
-    integer, intent(in) :: k, components !! k: axis
-    real(wp), intent(in) :: back(lanes) !! [cells]
-    real(wp), intent(inout) :: p(lanes, components)
-    integer :: q
-    associate (corner => engine%particles%corner)
-      do q = corner%first + k - 1, corner%first + corner%components - 1, engine%grid%dim
-        p(:, q) = p(:, q) - back
-      end do
-    end associate
-  end subroutine shift_corners
-
   !> Number the blocks of all parts in the order of their keys
   subroutine number_blocks(parts, block_at)
     type(part_t), intent(inout) :: parts(:)
@@ -267,16 +212,17 @@ contains
   end subroutine number_blocks
 
   !> The groups, and where every part puts its particles
-  subroutine make_groups(engine, parts, groups, in_group)
+  subroutine make_groups(engine, block_at, parts, groups, in_group)
     type(engine_t), intent(inout) :: engine
+    integer, intent(in) :: block_at(:, :) !! (3, block)
     type(part_t), intent(inout) :: parts(:)
     type(group_t), allocatable, intent(out) :: groups(:)
     integer, allocatable, intent(out) :: in_group(:) !! (group) particles
     integer, allocatable :: total(:, :) ! (material, block)
     integer(i8), allocatable :: next(:, :) ! (material, block) place
     integer :: k, b, m, n, chunks
-    allocate (total(size(engine%laws), engine%table%blocks), source=0)
-    allocate (next(size(engine%laws), engine%table%blocks), source=0_i8)
+    allocate (total(size(engine%laws), size(block_at, 2)), source=0)
+    allocate (next(size(engine%laws), size(block_at, 2)), source=0_i8)
     do k = 1, size(parts)
       do b = 1, parts(k)%blocks
         total(:, parts(k)%block(b)) = total(:, parts(k)%block(b)) + parts(k)%count(:, b)
@@ -285,21 +231,21 @@ contains
     allocate (groups(count(total > 0)))
     allocate (in_group(size(groups)))
     if (allocated(engine%particles%block_group)) deallocate (engine%particles%block_group)
-    allocate (engine%particles%block_group(engine%table%blocks + 1))
+    allocate (engine%particles%block_group(size(block_at, 2) + 1))
     n = 0
     chunks = 0
-    do b = 1, engine%table%blocks
+    do b = 1, size(block_at, 2)
       engine%particles%block_group(b) = n + 1
       do m = 1, size(engine%laws)
         if (total(m, b) == 0) cycle
         n = n + 1
         next(m, b) = int(lanes, i8)*chunks
-        groups(n) = group_t(b, m, chunks + 1, chunks + (total(m, b) + lanes - 1)/lanes, engine%table%block_at(:, b))
+        groups(n) = group_t(b, m, chunks + 1, chunks + (total(m, b) + lanes - 1)/lanes, block_at(:, b))
         in_group(n) = total(m, b)
         chunks = groups(n)%last
       end do
     end do
-    engine%particles%block_group(engine%table%blocks + 1) = n + 1
+    engine%particles%block_group(size(block_at, 2) + 1) = n + 1
     do k = 1, size(parts)
       allocate (parts(k)%place(size(engine%laws), parts(k)%blocks))
       do b = 1, parts(k)%blocks

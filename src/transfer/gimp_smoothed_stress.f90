@@ -14,7 +14,7 @@ module gimp_smoothed_stress
 
 contains
 
-  !> Smoothed Cauchy stress of all particles [Pa], by the weights of their present positions
+  !> Smoothed Cauchy stress of all particles of this rank [Pa], by the weights of their present positions. Collective
   subroutine smooth_stress(engine, smoothed)
     type(engine_t), intent(inout) :: engine
     real(wp), allocatable, intent(out) :: smoothed(:, :, :) !! (lane, component, chunk)
@@ -32,7 +32,7 @@ contains
     allocate (peaks, source=engine%peaks)
     allocate (fate, source=engine%fate)
     spill = engine%spill
-    allocate (engine%pad(nf, size(pad, 2), engine%table%blocks), source=0.0_wp)
+    allocate (engine%pad(nf, size(pad, 2), size(pad, 3)), source=0.0_wp)
     allocate (engine%g(nf, nodes_per_block, engine%table%slots))
     allocate (engine%smoothed(lanes, 6, engine%particles%chunks), source=0.0_wp)
     call particle_pass(engine, pass_t(stress_give=.true., old_weights=.true.))

@@ -1,0 +1,681 @@
+!> The tables of active blocks of a rank, with the blocks of other ranks that reach its nodes (ghosts), and the exchange of their pads.
+!>
+!> Every rank works out all nodes that its particles can touch. Where blocks of several ranks give to a node, each of these ranks gets the
+!> pads of the others and adds them in the same order as a serial run does: same bits, one message each way, and no
+!> answer to wait for. Sums over nodes count a slot on one rank only (`booked`).
+module gimp_borders
+  use gimp_kinds, only: wp, i8
+  use gimp_grid, only: grid_t, block_key, block_at_key, block_of_node, canonical_node, has_images, nodes_per_block, &
+    nf => fields_per_node
+  use gimp_blocks, only: build_blocks
+  use gimp_images, only: images_wanted, build_images, related_blocks
+  use gimp_hash_table, only: hash_table_t, clear_table, insert_key, find_key
+  use gimp_sorting, only: rank_keys, sort_order
+  use gimp_storage, only: real_bytes
+  use gimp_ranks, only: this_rank, ranks, exchange_words, open_channel, close_channel, start_exchange, finish_exchange
+  use gimp_cuts, only: rank_of_key, is_mine
+  use gimp_border, only: border_t, parts_t
+  use gimp_engine, only: engine_t, spill_t, pad_edge, drift, make_room
+  use, intrinsic :: iso_c_binding, only: c_loc, c_f_pointer
+  implicit none(type, external)
+  private
+  public :: build_tables, exchange_pads, exchange_entries, widen_border
+
+  integer, parameter :: reach = 2 !! blocks: pads of blocks farther apart have no node in common
+  integer, parameter :: entry_words = 3 + nf !! of what goes beyond pads: slot, block, place, values
+
+contains
+
+  !> Tables of the blocks of this rank at `block_at`, in ascending order of keys. Collective
+  subroutine build_tables(engine, block_at)
+    type(engine_t), intent(inout) :: engine
+    integer, intent(in) :: block_at(:, :) !! (3, block)
+    integer, allocatable :: extra(:, :), ghost_at(:, :)
+    call images_wanted(engine%grid, block_at, extra)
+    if (ranks == 1) then
+      call build_blocks(engine%table, engine%grid, block_at, extra)
+      call build_images(engine%grid, engine%table, engine%images)
+      return
+    end if
+    call find_ghosts(engine%grid, engine%border, block_at, ghost_at)
+    call add_related(engine%grid, engine%border, block_at, extra)
+    call build_blocks(engine%table, engine%grid, block_at, extra, ghost_at)
+    call build_images(engine%grid, engine%table, engine%images)
+    call book_slots(engine)
+    call lay_channel(engine, engine%border%always_whole)
+  end subroutine build_tables
+
+  ! ------------------------------------------------------------------------------------------------ who is near
+
+  !> Tell ranks of the blocks here that may matter to them, and hear of theirs. Collective
+  subroutine find_ghosts(grid, border, block_at, ghost_at)
+    type(grid_t), intent(in) :: grid
+    type(border_t), intent(inout) :: border
+    integer, intent(in) :: block_at(:, :)
+    integer, allocatable, intent(out) :: ghost_at(:, :)
+    integer(i8), allocatable :: told(:), heard(:), list(:)
+    integer, allocatable :: to(:), order(:)
+    integer(i8) :: to_count(0:ranks - 1), from_count(0:ranks - 1), i
+    type(hash_table_t) :: mine
+    integer :: b, r, n, value, near(ranks), found
+    call clear_table(mine, size(block_at, 2))
+    allocate (told(64), to(64))
+    n = 0
+    do b = 1, size(block_at, 2)
+      call insert_key(mine, block_key(block_at(:, b)), b, value)
+      call ranks_near(grid, border%cut, block_at(:, b), near, found)
+      do r = 1, found
+        if (n == size(told)) then
+          told = [told, told]
+          to = [to, to]
+        end if
+        n = n + 1
+        told(n) = block_key(block_at(:, b))
+        to(n) = near(r)
+      end do
+    end do
+    call sort_order(int(to(:n), i8), order)
+    list = told(order)
+    to_count = [(count(to(:n) == r, kind=i8), r=0, ranks - 1)]
+    call exchange_words(to_count, list, from_count, heard)
+    allocate (ghost_at(3, size(heard)))
+    if (allocated(border%ghost_rank)) deallocate (border%ghost_rank)
+    allocate (border%ghost_rank(size(heard)))
+    call clear_table(border%ghost_of, size(heard))
+    n = 0
+    i = 0
+    do r = 0, ranks - 1
+      do b = 1, int(from_count(r))
+        i = i + 1
+        if (.not. matters(grid, mine, block_at_key(heard(i)))) cycle
+        n = n + 1
+        ghost_at(:, n) = block_at_key(heard(i))
+        border%ghost_rank(n) = r
+        call insert_key(border%ghost_of, heard(i), n, value)
+      end do
+    end do
+    ghost_at = ghost_at(:, :n)
+    border%ghost_rank = border%ghost_rank(:n)
+  end subroutine find_ghosts
+
+  !> Other ranks that may have blocks so near to one here that they need nodes which its particles give to
+  subroutine ranks_near(grid, cut, at, list, n)
+    type(grid_t), intent(in) :: grid
+    integer(i8), intent(in) :: cut(0:)
+    integer, intent(in) :: at(3)
+    integer, intent(out) :: list(:), n
+    integer, allocatable :: around(:, :), related(:, :), again(:, :)
+    integer :: i, j, step(3)
+    n = 0
+    step = merge(reach, 0, [1, 2, 3] <= grid%dim)
+    if (.not. near_images(grid, at)) then
+      if (is_mine(cut, block_key(at - step)) .and. is_mine(cut, block_key(at + step))) return ! and all between
+      call note_box(at - step, at + step)
+      return
+    end if
+    step = min(step, 1)
+    around = box_of(at - step, at + step)
+    do i = 1, size(around, 2) ! slots that it gives to, those that share nodes with them, and once more
+      call related_blocks(grid, around(:, i), related)
+      do j = 1, size(related, 2)
+        call related_blocks(grid, related(:, j), again)
+        call note_all(again)
+      end do
+    end do
+
+  contains
+
+    subroutine note_all(again)
+      integer, intent(in) :: again(:, :)
+      integer :: k
+      do k = 1, size(again, 2)
+        call note_box(again(:, k) - step, again(:, k) + step)
+      end do
+    end subroutine note_all
+
+    subroutine note_box(low, high)
+      integer, intent(in) :: low(3), high(3)
+      integer :: x, y, z, r
+      do z = low(3), high(3)
+        do y = low(2), high(2)
+          do x = low(1), high(1)
+            r = rank_of_key(cut, block_key([x, y, z]))
+            if (r == this_rank .or. any(list(:n) == r)) cycle
+            n = n + 1
+            list(n) = r
+          end do
+        end do
+      end do
+    end subroutine note_box
+
+  end subroutine ranks_near
+
+  !> Whether nodes near a block stand for others, or others for them
+  pure logical function near_images(grid, at)
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: at(3)
+    integer :: k
+    near_images = .false.
+    do k = 1, grid%dim
+      if (.not. (grid%periodic(k) .or. grid%mirror_low(k) .or. grid%mirror_high(k))) cycle
+      near_images = near_images .or. (at(k) - 1)*grid%edge(k) < 3*grid%edge(k) &
+        .or. (at(k) + 2)*grid%edge(k) > grid%cells(k) - 3*grid%edge(k)
+    end do
+  end function near_images
+
+  !> All positions of a box of blocks
+  pure function box_of(low, high) result(list)
+    integer, intent(in) :: low(3), high(3)
+    integer, allocatable :: list(:, :)
+    integer :: x, y, z
+    list = reshape([(((x, y, z, x=low(1), high(1)), y=low(2), high(2)), z=low(3), high(3))], [3, product(high - low + 1)])
+  end function box_of
+
+  !> Whether a block of another rank gives to nodes that matter here
+  logical function matters(grid, mine, at)
+    type(grid_t), intent(in) :: grid
+    type(hash_table_t), intent(in) :: mine !! keys of the blocks of this rank
+    integer, intent(in) :: at(3)
+    integer :: x, y, z, step(3)
+    matters = near_images(grid, at)
+    step = merge(reach, 0, [1, 2, 3] <= grid%dim)
+    do z = at(3) - step(3), at(3) + step(3)
+      do y = at(2) - step(2), at(2) + step(2)
+        do x = at(1) - step(1), at(1) + step(1)
+          if (matters) return
+          matters = find_key(mine, block_key([x, y, z])) > 0
+        end do
+      end do
+    end do
+  end function matters
+
+  !> Further slots: those with images of nodes that are wanted here, though no block of this rank is near
+  subroutine add_related(grid, border, block_at, extra)
+    type(grid_t), intent(in) :: grid
+    type(border_t), intent(in) :: border
+    integer, intent(in) :: block_at(:, :)
+    integer, allocatable, intent(inout) :: extra(:, :)
+    integer, allocatable :: around(:, :), related(:, :), wider(:, :)
+    integer :: b, i, j, n, step(3), base
+    if (.not. has_images(grid)) return
+    step = merge(1, 0, [1, 2, 3] <= grid%dim)
+    allocate (wider(3, 64))
+    n = 0
+    base = size(extra, 2)
+    do b = 1, size(block_at, 2)
+      if (.not. near_images(grid, block_at(:, b))) cycle
+      around = box_of(block_at(:, b) - step, block_at(:, b) + step)
+      do i = 1, size(around, 2)
+        call note_related(around(:, i))
+      end do
+    end do
+    do b = 1, base
+      call note_related(extra(:, b))
+    end do
+    extra = reshape([extra, wider(:, :n)], [3, base + n])
+
+  contains
+
+    subroutine note_related(at)
+      integer, intent(in) :: at(3)
+      call related_blocks(grid, at, related)
+      do j = 1, size(related, 2)
+        if (.not. ghost_near(related(:, j))) cycle ! nobody gives to it
+        if (n == size(wider, 2)) wider = reshape(wider, [3, 2*n], pad=[0])
+        n = n + 1
+        wider(:, n) = related(:, j)
+      end do
+    end subroutine note_related
+
+    logical function ghost_near(at)
+      integer, intent(in) :: at(3)
+      integer :: k
+      integer, allocatable :: near(:, :)
+      ghost_near = .false.
+      near = box_of(at - step, at + step)
+      do k = 1, size(near, 2)
+        ghost_near = ghost_near .or. find_key(border%ghost_of, block_key(near(:, k))) > 0
+      end do
+    end function ghost_near
+
+  end subroutine add_related
+
+  !> A slot is booked by the owner of the first block near it; one that only images give to by that of the first block near those
+  subroutine book_slots(engine)
+    type(engine_t), intent(inout) :: engine
+    integer :: s
+    associate (table => engine%table)
+      do s = 1, table%slots
+        table%booked(s) = is_first(table%block_near(:, s))
+        if (.not. table%booked(s) .and. all(table%block_near(:, s) == 0)) table%booked(s) = booked_by_image(engine, s)
+      end do
+    end associate
+
+  contains
+
+    pure logical function is_first(near)
+      integer, intent(in) :: near(:)
+      integer :: k
+      k = findloc(near > 0, .true., dim=1)
+      is_first = .false.
+      if (k > 0) is_first = near(k) <= engine%table%blocks
+    end function is_first
+
+    logical function booked_by_image(engine, s)
+      type(engine_t), intent(in) :: engine
+      integer, intent(in) :: s
+      integer, allocatable :: related(:, :), order(:)
+      integer(i8), allocatable :: keys(:)
+      integer :: j, t
+      booked_by_image = .false.
+      call related_blocks(engine%grid, engine%table%slot_at(:, s), related)
+      keys = [(block_key(related(:, j)), j=1, size(related, 2))]
+      call sort_order(keys, order)
+      do j = 1, size(order)
+        t = find_key(engine%table%slot_of, keys(order(j)))
+        if (t == 0 .or. t == s) cycle
+        if (all(engine%table%block_near(:, t) == 0)) cycle
+        if (.not. stands_for(engine%grid, related(:, order(j)), engine%table%slot_at(:, s))) cycle
+        booked_by_image = is_first(engine%table%block_near(:, t))
+        return
+      end do
+    end function booked_by_image
+
+  end subroutine book_slots
+
+  !> Whether some node of the slot at `from` stands for one of that at `to`
+  pure logical function stands_for(grid, from, to)
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: from(3), to(3)
+    integer :: place, node(3), target(3)
+    real(wp) :: sign(3)
+    stands_for = .false.
+    do place = 0, nodes_per_block - 1
+      node = from*grid%edge + [modulo(place, grid%edge(1)), modulo(place/grid%edge(1), grid%edge(2)), &
+                               place/(grid%edge(1)*grid%edge(2))]
+      call canonical_node(grid, node, target, sign)
+      if (all(block_of_node(grid, target) == to) .and. any(target /= node)) then
+        stands_for = .true.
+        return
+      end if
+    end do
+  end function stands_for
+
+  ! ------------------------------------------------------------------------------------------------ pads
+
+  !> Ask for the parts of ghosts' pads that matter here, and hear what others ask for. Collective
+  subroutine lay_channel(engine, whole)
+    type(engine_t), intent(inout) :: engine
+    logical, intent(in) :: whole !! all nodes of slots near blocks of this rank are wanted complete
+    integer(i8) :: to_count(0:ranks - 1), from_count(0:ranks - 1)
+    integer(i8), allocatable :: asked(:), heard(:)
+    logical, allocatable :: complete(:)
+    type(parts_t) :: get, give
+    integer :: g, n, low(3), high(3)
+    associate (table => engine%table, border => engine%border)
+      border%whole = whole
+      call find_complete(engine, whole, complete)
+      allocate (get%block(table%ghosts), get%low(3, table%ghosts), get%high(3, table%ghosts), asked(2*table%ghosts))
+      to_count = 0
+      n = 0
+      do g = 1, table%ghosts
+        call part_wanted(engine, complete, table%blocks + g, low, high)
+        if (any(low > high)) cycle
+        n = n + 1
+        get%block(n) = table%blocks + g
+        get%low(:, n) = low
+        get%high(:, n) = high
+        asked(2*n - 1) = table%block_code(table%blocks + g)
+        asked(2*n) = packed(low, high)
+        to_count(border%ghost_rank(g)) = to_count(border%ghost_rank(g)) + 2
+      end do
+      get%block = get%block(:n)
+      get%low = get%low(:, :n)
+      get%high = get%high(:, :n)
+      asked = asked(:2*n)
+      call exchange_words(to_count, asked, from_count, heard)
+      n = size(heard)/2
+      allocate (give%block(n), give%low(3, n), give%high(3, n))
+      do g = 1, n
+        give%block(g) = table%own_block(find_key(table%slot_of, heard(2*g - 1)))
+        call unpack_box(heard(2*g), give%low(:, g), give%high(:, g))
+      end do
+      call close_channel(border%channel)
+      call cut_messages(to_count/2, get, border%channel%from, border%channel%from_first)
+      call cut_messages(from_count/2, give, border%channel%to, border%channel%to_first)
+      call open_channel(border%channel)
+      border%give = give
+      border%get = get
+    end associate
+  end subroutine lay_channel
+
+  !> Slots of which every node must be right here: those that this rank books, and those of images; on request all near its blocks
+  subroutine find_complete(engine, whole, complete)
+    type(engine_t), intent(in) :: engine
+    logical, intent(in) :: whole
+    logical, allocatable, intent(out) :: complete(:)
+    integer :: s
+    associate (table => engine%table)
+      complete = table%booked
+      do s = 1, table%slots
+        if (whole) complete(s) = complete(s) .or. any(table%block_near(:, s) > 0 .and. table%block_near(:, s) <= table%blocks)
+        if (has_images(engine%grid)) complete(s) = complete(s) .or. near_images(engine%grid, table%slot_at(:, s))
+      end do
+    end associate
+  end subroutine find_complete
+
+  !> The box of nodes of a ghost's pad that matter here, from the first node of its block
+  subroutine part_wanted(engine, complete, ghost, low, high)
+    type(engine_t), intent(in) :: engine
+    logical, intent(in) :: complete(:)
+    integer, intent(in) :: ghost
+    integer, intent(out) :: low(3), high(3)
+    integer :: pad_low(3), pad_high(3), off(3), s, x, y, z, step(3)
+    step = merge(reach, 0, [1, 2, 3] <= engine%grid%dim)
+    call pad_box(engine, pad_low, pad_high)
+    low = huge(low)
+    high = -huge(high)
+    associate (table => engine%table, edge => engine%grid%edge)
+      do z = -step(3), step(3)
+        do y = -step(2), step(2)
+          do x = -step(1), step(1)
+            off = [x, y, z]
+            s = find_key(table%slot_of, block_key(table%block_at(:, ghost) + off))
+            if (s == 0) cycle
+            if (table%own_block(s) > 0) call unite(off*edge + pad_low, off*edge + pad_high)
+            if (complete(s)) call unite(off*edge, off*edge + edge - 1)
+          end do
+        end do
+      end do
+    end associate
+
+  contains
+
+    !> Take a box of nodes in, as far as it is in the pad
+    subroutine unite(first, last)
+      integer, intent(in) :: first(3), last(3)
+      if (any(max(first, pad_low) > min(last, pad_high))) return
+      low = min(low, max(first, pad_low))
+      high = max(high, min(last, pad_high))
+    end subroutine unite
+
+  end subroutine part_wanted
+
+  !> First and last node of a pad, from the first node of its block
+  pure subroutine pad_box(engine, low, high)
+    type(engine_t), intent(in) :: engine
+    integer, intent(out) :: low(3), high(3)
+    low = merge(-drift, 0, [1, 2, 3] <= engine%grid%dim)
+    high = low + pad_edge(engine%grid%dim, engine%basis) - 1
+  end subroutine pad_box
+
+  !> A box in one word
+  pure integer(i8) function packed(low, high)
+    integer, intent(in) :: low(3), high(3)
+    integer :: k
+    packed = 0
+    do k = 1, 3
+      packed = shiftl(packed, 16) + shiftl(int(low(k) + 8, i8), 8) + high(k) + 8
+    end do
+  end function packed
+
+  pure subroutine unpack_box(word, low, high)
+    integer(i8), intent(in) :: word
+    integer, intent(out) :: low(3), high(3)
+    integer :: k
+    do k = 1, 3
+      low(k) = int(ibits(word, 16*(3 - k) + 8, 8)) - 8
+      high(k) = int(ibits(word, 16*(3 - k), 8)) - 8
+    end do
+  end subroutine unpack_box
+
+  !> Messages: the parts of each rank, and the words they need at most: one for each part, then its nodes
+  subroutine cut_messages(parts_of_rank, parts, list, first_word)
+    integer(i8), intent(in) :: parts_of_rank(0:)
+    type(parts_t), intent(inout) :: parts
+    integer, allocatable, intent(out) :: list(:)
+    integer(i8), allocatable, intent(out) :: first_word(:)
+    integer :: r, k, q
+    list = pack([(r, r=0, ranks - 1)], parts_of_rank > 0)
+    allocate (first_word(size(list) + 1), parts%first(size(list) + 1))
+    parts%first(1) = 1
+    first_word(1) = 1
+    do k = 1, size(list)
+      parts%first(k + 1) = parts%first(k) + int(parts_of_rank(list(k)))
+      first_word(k + 1) = first_word(k) + parts_of_rank(list(k))
+      do q = parts%first(k), parts%first(k + 1) - 1
+        first_word(k + 1) = first_word(k + 1) + node_words(product(parts%high(:, q) - parts%low(:, q) + 1))
+      end do
+    end do
+  end subroutine cut_messages
+
+  !> Words that so many nodes take
+  pure integer(i8) function node_words(nodes)
+    integer, intent(in) :: nodes
+    node_words = real_bytes*nf/8*nodes
+  end function node_words
+
+  !> Ghosts get their pads. Collective
+  subroutine exchange_pads(engine, all_of_them)
+    type(engine_t), intent(inout) :: engine
+    logical, intent(in) :: all_of_them !! the outermost nodes of pads are in use, whatever `drifted` says
+    if (ranks == 1) return
+    call pack_pads(engine, all_of_them)
+    call start_exchange(engine%border%channel)
+    call finish_exchange(engine%border%channel)
+    call unpack_pads(engine)
+  end subroutine exchange_pads
+
+  !> The part of a pad that is in use: without drift its outermost nodes are not
+  pure subroutine shrink(engine, drifted, low, high)
+    type(engine_t), intent(in) :: engine
+    logical, intent(in) :: drifted
+    integer, intent(inout) :: low(3), high(3)
+    integer :: pad_low(3), pad_high(3), d
+    if (drifted) return
+    d = engine%grid%dim
+    call pad_box(engine, pad_low, pad_high)
+    low(:d) = max(low(:d), pad_low(:d) + 1)
+    high(:d) = min(high(:d), pad_high(:d) - 1)
+  end subroutine shrink
+
+  subroutine pack_pads(engine, all_of_them)
+    type(engine_t), intent(inout) :: engine
+    logical, intent(in) :: all_of_them
+    logical :: drifted
+    real(wp), pointer, contiguous :: nodes(:)
+    integer(i8) :: word
+    integer :: k, q, low(3), high(3), n
+    associate (channel => engine%border%channel, give => engine%border%give)
+      do k = 1, size(channel%to)
+        word = channel%to_first(k)
+        do q = give%first(k), give%first(k + 1) - 1
+          low = give%low(:, q)
+          high = give%high(:, q)
+          drifted = engine%drifted(give%block(q)) .or. all_of_them
+          call shrink(engine, drifted, low, high)
+          channel%out(word) = merge(1_i8, 0_i8, drifted)
+          word = word + 1
+          n = product(max(0, high - low + 1))
+          if (n == 0) cycle
+          call c_f_pointer(c_loc(channel%out(word)), nodes, [nf*n])
+          call take_part(pad_edge(engine%grid%dim, engine%basis), low + pad_shift(engine), high + pad_shift(engine), &
+                         engine%pad(:, :, give%block(q)), nodes)
+          word = word + node_words(n)
+        end do
+        channel%to_words(k) = word - channel%to_first(k)
+      end do
+    end associate
+  end subroutine pack_pads
+
+  subroutine unpack_pads(engine)
+    type(engine_t), intent(inout) :: engine
+    real(wp), pointer, contiguous :: nodes(:)
+    integer(i8) :: word
+    integer :: k, q, low(3), high(3), n
+    associate (channel => engine%border%channel, get => engine%border%get)
+      do k = 1, size(channel%from)
+        word = channel%from_first(k)
+        do q = get%first(k), get%first(k + 1) - 1
+          low = get%low(:, q)
+          high = get%high(:, q)
+          engine%drifted(get%block(q)) = channel%in(word) == 1
+          call shrink(engine, engine%drifted(get%block(q)), low, high)
+          word = word + 1
+          n = product(max(0, high - low + 1))
+          if (n == 0) cycle
+          call c_f_pointer(c_loc(channel%in(word)), nodes, [nf*n])
+          call put_part(pad_edge(engine%grid%dim, engine%basis), low + pad_shift(engine), high + pad_shift(engine), nodes, &
+                        engine%pad(:, :, get%block(q)))
+          word = word + node_words(n)
+        end do
+      end do
+    end associate
+  end subroutine unpack_pads
+
+  !> From nodes counted from the first of a block to nodes counted from the first of its pad
+  pure function pad_shift(engine) result(shift)
+    type(engine_t), intent(in) :: engine
+    integer :: shift(3)
+    shift = merge(drift, 0, [1, 2, 3] <= engine%grid%dim)
+  end function pad_shift
+
+  pure subroutine take_part(edge, low, high, pad, nodes)
+    integer, intent(in) :: edge(3), low(3), high(3)
+    real(wp), intent(in) :: pad(nf, 0:edge(1) - 1, 0:edge(2) - 1, 0:edge(3) - 1)
+    real(wp), intent(out) :: nodes(nf, low(1):high(1), low(2):high(2), low(3):high(3))
+    nodes = pad(:, low(1):high(1), low(2):high(2), low(3):high(3))
+  end subroutine take_part
+
+  pure subroutine put_part(edge, low, high, nodes, pad)
+    integer, intent(in) :: edge(3), low(3), high(3)
+    real(wp), intent(in) :: nodes(nf, low(1):high(1), low(2):high(2), low(3):high(3))
+    real(wp), intent(inout) :: pad(nf, 0:edge(1) - 1, 0:edge(2) - 1, 0:edge(3) - 1)
+    pad(:, low(1):high(1), low(2):high(2), low(3):high(3)) = nodes
+  end subroutine put_part
+
+  !> From now to the next sort all nodes near blocks of this rank are complete. Collective
+  subroutine widen_border(engine)
+    type(engine_t), intent(inout) :: engine
+    if (ranks == 1 .or. engine%border%whole) return
+    call lay_channel(engine, .true.)
+  end subroutine widen_border
+
+  ! ------------------------------------------------------------------------------------------------ what goes beyond pads
+
+  !> Entries (block, slot, place, values) go to all ranks that know of the slot, and come back in the order of slots, then blocks,
+  !> as a serial run has them; what one block gives to a slot stays in its order. Collective
+  subroutine exchange_entries(engine, entries)
+    type(engine_t), intent(in) :: engine
+    type(spill_t), intent(inout) :: entries
+    integer(i8) :: to_count(0:ranks - 1), from_count(0:ranks - 1)
+    integer(i8), allocatable :: sent(:), heard(:), code(:), key(:)
+    integer, allocatable :: to(:), which(:), order(:), rank(:)
+    type(spill_t) :: all
+    integer :: k, n, r, m, found, near(ranks), slot
+    if (ranks == 1) return
+    allocate (to(64), which(64))
+    n = 0
+    do k = 1, entries%n
+      call holders(engine, entries%slot(k), near, found)
+      do r = 1, found
+        if (n == size(to)) then
+          to = [to, to]
+          which = [which, which]
+        end if
+        n = n + 1
+        to(n) = near(r)
+        which(n) = k
+      end do
+    end do
+    call sort_order(int(to(:n), i8), order)
+    allocate (sent(int(entry_words, i8)*n))
+    do k = 1, n
+      call pack_entry(which(order(k)), sent(int(entry_words, i8)*(k - 1) + 1:int(entry_words, i8)*k))
+    end do
+    to_count = [(entry_words*count(to(:n) == r, kind=i8), r=0, ranks - 1)]
+    call exchange_words(to_count, sent, from_count, heard)
+    m = entries%n + size(heard)/entry_words
+    call make_room(all, max(m, 64))
+    allocate (code(m))
+    do k = 1, entries%n
+      all%block(k) = entries%block(k)
+      all%slot(k) = entries%slot(k)
+      all%place(k) = entries%place(k)
+      all%value(:, k) = entries%value(:, k)
+      code(k) = engine%table%block_code(entries%block(k))
+    end do
+    n = entries%n
+    do k = 1, size(heard)/entry_words
+      associate (word => heard(int(entry_words, i8)*(k - 1) + 1:int(entry_words, i8)*k))
+        slot = find_key(engine%table%slot_of, word(1))
+        if (slot == 0) cycle
+        n = n + 1
+        all%slot(n) = slot
+        code(n) = word(2)
+        all%block(n) = engine%table%blocks + find_key(engine%border%ghost_of, word(2))
+        all%place(n) = int(word(3))
+        all%value(:, n) = transfer(word(4:3 + int(node_words(1))), all%value(:, n), nf)
+      end associate
+    end do
+    call rank_keys(code(:n), key, rank)
+    call sort_order(shiftl(int(all%slot(:n), i8), 32) + rank, order)
+    entries%n = 0
+    call make_room(entries, n)
+    entries%n = n
+    do k = 1, n
+      entries%block(k) = all%block(order(k))
+      entries%slot(k) = all%slot(order(k))
+      entries%place(k) = all%place(order(k))
+      entries%value(:, k) = all%value(:, order(k))
+    end do
+
+  contains
+
+    subroutine pack_entry(e, words)
+      integer, intent(in) :: e
+      integer(i8), intent(out) :: words(:)
+      words(1) = block_key(engine%table%slot_at(:, entries%slot(e)))
+      words(2) = engine%table%block_code(entries%block(e))
+      words(3) = entries%place(e)
+      words(4:) = 0
+      words(4:3 + int(node_words(1))) = transfer(entries%value(:, e), words, int(node_words(1)))
+    end subroutine pack_entry
+
+  end subroutine exchange_entries
+
+  !> Other ranks that have a slot near a block of this rank, or one that shares nodes with it
+  subroutine holders(engine, slot, list, n)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: slot
+    integer, intent(out) :: list(:), n
+    integer, allocatable :: related(:, :)
+    integer :: k, j, s
+    n = 0
+    if (near_images(engine%grid, engine%table%slot_at(:, slot))) then
+      call related_blocks(engine%grid, engine%table%slot_at(:, slot), related)
+      do j = 1, size(related, 2)
+        s = find_key(engine%table%slot_of, block_key(related(:, j)))
+        if (s > 0) call note_owners(s)
+      end do
+    else
+      call note_owners(slot)
+    end if
+
+  contains
+
+    subroutine note_owners(s)
+      integer, intent(in) :: s
+      integer :: r
+      do k = 1, 27
+        if (engine%table%block_near(k, s) <= engine%table%blocks) cycle
+        r = engine%border%ghost_rank(engine%table%block_near(k, s) - engine%table%blocks)
+        if (any(list(:n) == r)) cycle
+        n = n + 1
+        list(n) = r
+      end do
+    end subroutine note_owners
+
+  end subroutine holders
+
+end module gimp_borders
