@@ -15,7 +15,8 @@ module gimp_setup
     anti_f_bar, anti_b_bar, anti_cell_stress
   use gimp_walls, only: walls_t, set_walls, side_of_word, condition_of_word
   use gimp_time_table, only: time_table_t
-  use gimp_loads, only: loads_t, load_traction, load_pressure, load_point, most_face_loads
+  use gimp_border, only: repartition_balanced, repartition_always, repartition_never
+  use gimp_loads, only: loads_t, has_loads, load_traction, load_pressure, load_point, most_face_loads
   use gimp_generalized_alpha, only: bifurcation_limit
   use gimp_newmark, only: newmark_limit
   use gimp_run_state, only: stepper_t, hands_on, scheme_of_word, usl, musl, series_none, series_xpic, series_fmpm, position_grid, &
@@ -48,7 +49,22 @@ contains
     call set_up_solution(scene, s, solution, error)
     if (allocated(error)) return
     call set_up_time(scene, s)
+    call set_up_ranks(scene, s)
   end subroutine set_up_scene
+
+  !> How ranks share the work
+  subroutine set_up_ranks(scene, s)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(inout) :: s
+    select case (word_of(scene, "parallel", 1, "repartition"))
+    case ("always"); s%engine%border%repartition = repartition_always
+    case ("never"); s%engine%border%repartition = repartition_never
+    case default; s%engine%border%repartition = repartition_balanced
+    end select
+    s%engine%border%most_imbalance = real(real_of(scene, "parallel", 1, "imbalance_limit"))
+    ! forces at points and plain weight lists want all nodes around a block, not only those of its pad
+    s%engine%border%always_whole = has_loads(s%loads) .or. s%engine%list_kernel
+  end subroutine set_up_ranks
 
   !> Threads of this run: the scene's word, else the environment's, else one
   subroutine set_up_threads(scene, threads)

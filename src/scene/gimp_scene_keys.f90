@@ -79,7 +79,7 @@ contains
     groups(11) = group_t("mesh", 0, 1, .true., "an unstructured mesh in place of the grid")
     groups(12) = group_t("contact", 0, 0, .true., "contact between bodies")
     groups(13) = group_t("restart", 0, 1, .false., "when checkpoints are written, and the one to continue from")
-    groups(14) = group_t("parallel", 0, 1, .false., "how many threads work; the results do not depend on it")
+    groups(14) = group_t("parallel", 0, 1, .false., "how many threads work, and how ranks share the work; results do not depend on it")
     groups(15) = group_t("refine", 0, 1, .true., "refinement of grid and particles")
   end subroutine list_groups
 
@@ -428,6 +428,10 @@ contains
     integer, intent(inout) :: n
     call add(t, n, "parallel", "threads", kind_integer, "threads of the run; 0: OMP_NUM_THREADS, or one where that is not set", &
              range="[0,4096]", default="0")
+    call add(t, n, "parallel", "repartition", kind_word, "balanced: blocks change their rank at sorts when the imbalance of work passes its limit; never; "// &
+             "always: at every sort, for tests", words="balanced never always", default="balanced")
+    call add(t, n, "parallel", "imbalance_limit", kind_real, "largest counted work of a rank over the mean that is let be", range="[1.01,100]", &
+             default="1.1")
   end subroutine parallel_keys
 
   pure subroutine verification_keys(t, n)

@@ -36,13 +36,7 @@ contains
     integer, allocatable :: to(:, :)
     integer :: size_of_one, r
     if (ranks == 1) return
-    if (.not. allocated(engine%border%cut)) then
-      if (this_rank > 0 .and. engine%particles%n == engine%particles%n_all) then ! HACK
-        call allot_chunks(engine%particles, 0)
-        engine%particles%groups = engine%particles%groups(:0)
-      end if
-      call first_cuts(engine)
-    end if
+    if (.not. allocated(engine%border%cut)) call first_cuts(engine)
     allocate (to(lanes, engine%particles%chunks), source=-1)
     call find_travellers(engine, gone, to)
     size_of_one = head + words_of(engine%particles%components)
