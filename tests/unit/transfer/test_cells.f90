@@ -5,6 +5,7 @@ program test_cells
   use gimp_basis, only: basis_linear, basis_ugimp, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi
   use gimp_engine, only: engine_t, pass_t, anti_none, anti_f_bar, anti_b_bar, anti_cell_stress
   use gimp_particle_pass, only: particle_pass, allot_spills
+  use gimp_list_kernel, only: order_spill
   use gimp_cells, only: give_to_cells, take_from_cells, sum_cells
   use gimp_cell_pass, only: rates_to_cells, stress_to_cells
   use gimp_chunk_state, only: chunk_deformation, chunk_law_deformation
@@ -100,6 +101,7 @@ contains
         end do
       end do
       if (turn == 1) then
+        call order_spill(engine%spilled, engine%spill)
         call sum_cells(engine)
         call check_true(engine%spill%n == 0, "nothing is left for nodes"//which)
       end if

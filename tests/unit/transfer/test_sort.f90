@@ -232,7 +232,6 @@ contains
     call check_true(engine%table%blocks < blocks, "empty blocks are gone")
     call check_true(size(engine%pad, 3) == engine%table%blocks .and. size(engine%g, 3) == engine%table%slots, &
                     "grid and pads fit the blocks")
-    deallocate (remove)
     allocate (remove(lanes, engine%particles%chunks), source=.true.)
     call sort_particles(engine, remove)
     call check(int(engine%particles%n), 0, "all can go")
