@@ -11,9 +11,9 @@ module gimp_file_system
   implicit none(type, external)
   private
   public :: file_exists, folder_writable, folder_of, rename_file, delete_file
-  public :: raw_file_t, create_raw_file, open_raw_file, file_bytes, write_at, resize_raw_file, sync_raw_file, close_raw_file
+  public :: raw_file_t, create_raw_file, open_raw_file, file_bytes, write_at, read_at, resize_raw_file, sync_raw_file, close_raw_file
 
-  !> A file open for writing, without any buffer of ours or of the runtime
+  !> An open file, without any buffer of ours or of the runtime
   type :: raw_file_t
     character(len=:), allocatable :: path !! for messages
     type(c_ptr) :: stream = c_null_ptr !! the C stream that owns the descriptor
@@ -66,6 +66,15 @@ module gimp_file_system
       integer(c_size_t), value :: count
       integer(c_int64_t), value :: offset
     end function c_pwrite
+
+    integer(c_long) function c_pread(descriptor, buffer, count, offset) bind(c, name="pread")
+      import :: c_long, c_int, c_size_t, c_int64_t, c_ptr
+      implicit none(type, external)
+      integer(c_int), value :: descriptor
+      type(c_ptr), value :: buffer
+      integer(c_size_t), value :: count
+      integer(c_int64_t), value :: offset
+    end function c_pread
 
     integer(c_int) function c_ftruncate(descriptor, length) bind(c, name="ftruncate")
       import :: c_int, c_int64_t
@@ -146,15 +155,20 @@ contains
     file%descriptor = c_fileno(file%stream)
   end subroutine create_raw_file
 
-  !> Open a file that is there for writing, and leave what is in it
-  subroutine open_raw_file(path, file, error)
+  !> Open a file that is there for writing, and leave what is in it; or only for reading
+  subroutine open_raw_file(path, file, error, only_read)
     character(len=*), intent(in) :: path
     type(raw_file_t), intent(out) :: file
     type(error_t), allocatable, intent(out) :: error
+    logical, intent(in), optional :: only_read
+    logical :: reads
+    reads = .false.
+    if (present(only_read)) reads = only_read
     file%path = path
-    file%stream = c_fopen(path//c_null_char, "r+b"//c_null_char)
+    file%stream = c_fopen(path//c_null_char, trim(merge("rb ", "r+b", reads))//c_null_char)
     if (.not. c_associated(file%stream)) then
-      call raise(error, path//": cannot be opened for writing; is it there and writable?")
+      if (reads) call raise(error, path//": cannot be opened for reading; is it there and readable?")
+      if (.not. reads) call raise(error, path//": cannot be opened for writing; is it there and writable?")
       return
     end if
     file%descriptor = c_fileno(file%stream)
@@ -187,6 +201,26 @@ contains
       done = done + written
     end do
   end subroutine write_at
+
+  !> Read bytes from a place; either all of them come or there is an error
+  subroutine read_at(file, offset, buffer, bytes, error)
+    type(raw_file_t), intent(in) :: file
+    integer(i8), intent(in) :: offset !! bytes from the start of the file
+    type(c_ptr), intent(in) :: buffer
+    integer(i8), intent(in) :: bytes
+    type(error_t), allocatable, intent(out) :: error
+    integer(i8) :: done
+    integer(c_long) :: got
+    done = 0
+    do while (done < bytes)
+      got = c_pread(file%descriptor, shifted(buffer, done), int(bytes - done, c_size_t), int(offset + done, c_int64_t))
+      if (got <= 0) then
+        call raise(error, file%path//": cannot be read from byte "//text_of(offset + done)//" on; is it cut short?")
+        return
+      end if
+      done = done + got
+    end do
+  end subroutine read_at
 
   !> Set the length of a file; new bytes read as zero and take no room on most file systems
   subroutine resize_raw_file(file, bytes, error)
