@@ -57,40 +57,24 @@ function(gimp_library result room suffix)
   set(${result} ${library} PARENT_SCOPE)
 endfunction()
 
-# gimp_add_unit_test(ROOM test_name [SINGLE] [RANKS n...] [USES room...]): tests/unit/ROOM/test_name.f90 (or .fypp) becomes the
-# ctest ROOM.test_name; with SINGLE the suite also runs in single precision, as ROOM.test_name.single; with RANKS also on so
-# many ranks that send messages, as ROOM.test_name.ranks_n
+# gimp_add_unit_test(ROOM test_name [SINGLE] [USES room...]): tests/unit/ROOM/test_name.f90 (or .fypp) becomes the ctest
+# ROOM.test_name; with SINGLE the suite also runs in single precision, as ROOM.test_name.single
 function(gimp_add_unit_test room name)
-  cmake_parse_arguments(TEST "SINGLE" "" "RANKS;USES" ${ARGN})
+  cmake_parse_arguments(TEST "SINGLE" "" "USES" ${ARGN})
   foreach(needed IN LISTS room TEST_USES)
     if(NOT TARGET gimp_${needed})
       return()
     endif()
   endforeach()
-  gimp_add_suite(${room} ${name} ${name} "" double serial)
-  add_test(NAME ${room}.${name} COMMAND ${name})
-  set_tests_properties(${room}.${name} PROPERTIES LABELS unit)
+  gimp_add_suite(${room} ${name} ${room}.${name} "" double)
   if(TEST_SINGLE AND GIMP_SINGLE)
-    gimp_add_suite(${room} ${name} ${name}_sp _sp single serial)
-    add_test(NAME ${room}.${name}.single COMMAND ${name}_sp)
-    set_tests_properties(${room}.${name}.single PROPERTIES LABELS unit)
-  endif()
-  if(TEST_RANKS AND TARGET gimp_ranks_mpi)
-    gimp_add_suite(${room} ${name} ${name}_mpi "" double mpi)
-    foreach(ranks IN LISTS TEST_RANKS)
-      set(folder "${CMAKE_BINARY_DIR}/tests/${name}.ranks_${ranks}") # suites write files
-      file(MAKE_DIRECTORY "${folder}")
-      add_test(NAME ${room}.${name}.ranks_${ranks} WORKING_DIRECTORY "${folder}"
-        COMMAND ${MPIEXEC_EXECUTABLE} ${MPIEXEC_NUMPROC_FLAG} ${ranks} ${MPIEXEC_PREFLAGS} $<TARGET_FILE:${name}_mpi>)
-      # more ranks than cores, and containers where all is done as root
-      set_tests_properties(${room}.${name}.ranks_${ranks} PROPERTIES LABELS unit PROCESSORS ${ranks} TIMEOUT 300
-        ENVIRONMENT "OMP_NUM_THREADS=1;OMPI_MCA_rmaps_base_oversubscribe=1;OMPI_MCA_mpi_yield_when_idle=1;OMPI_ALLOW_RUN_AS_ROOT=1;OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1")
-    endforeach()
+    gimp_add_suite(${room} ${name} ${room}.${name}.single _sp single)
   endif()
 endfunction()
 
-# The program of a suite, in one precision and with one backend; reads the arguments of gimp_add_unit_test
-function(gimp_add_suite room name suite suffix precision backend)
+# A suite in one precision; reads the arguments of gimp_add_unit_test
+function(gimp_add_suite room name test suffix precision)
+  set(suite ${name}${suffix})
   set(source unit/${room}/${name}.f90)
   if(EXISTS "${CMAKE_CURRENT_SOURCE_DIR}/unit/${room}/${name}.fypp")
     gimp_expand(source unit/${room}/${name}.fypp "${CMAKE_CURRENT_BINARY_DIR}" ${precision})
@@ -99,13 +83,15 @@ function(gimp_add_suite room name suite suffix precision backend)
   set_target_properties(${suite} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests"
     Fortran_MODULE_DIRECTORY "${CMAKE_BINARY_DIR}/modules/tests/${suite}")
   target_link_libraries(${suite} PRIVATE gimp_check)
-  if(TARGET gimp_ranks_${backend})
-    target_link_libraries(${suite} PRIVATE gimp_ranks_${backend})
+  if(TARGET gimp_ranks_serial)
+    target_link_libraries(${suite} PRIVATE gimp_ranks_serial)
   endif()
   foreach(needed IN LISTS room TEST_USES)
     gimp_library(used ${needed} "${suffix}")
     target_link_libraries(${suite} PRIVATE ${used})
   endforeach()
+  add_test(NAME ${test} COMMAND ${suite})
+  set_tests_properties(${test} PROPERTIES LABELS unit)
 endfunction()
 
 # How programs that run on several ranks are started: `-n N program`. The environment is for Open MPI (4, then 5): more ranks than
@@ -143,7 +129,9 @@ function(gimp_add_rank_test room name)
     endif()
     foreach(ranks IN LISTS TEST_RANKS)
       set(test ${room}.${name}.${backend}.${ranks})
-      add_test(NAME ${test} COMMAND ${GIMP_MPIRUN} ${ranks} $<TARGET_FILE:${suite}>)
+      file(MAKE_DIRECTORY "${CMAKE_BINARY_DIR}/tests/${test}") # suites write files
+      add_test(NAME ${test} WORKING_DIRECTORY "${CMAKE_BINARY_DIR}/tests/${test}"
+        COMMAND ${GIMP_MPIRUN} ${ranks} $<TARGET_FILE:${suite}>)
       set_tests_properties(${test} PROPERTIES LABELS unit TIMEOUT 60 PROCESSORS ${ranks} ENVIRONMENT "${GIMP_RANK_ENVIRONMENT}")
     endforeach()
   endforeach()

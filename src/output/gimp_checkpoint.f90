@@ -1,15 +1,18 @@
 !> Checkpoint files: how they are named, written aside, sealed and kept, and which output file they belong to.
 !>
-!> A checkpoint is an HDF5 file with a seal over all its bytes. It is written under another name, waited for, and renamed; the
-!> one before is kept. What is in it is the business of `gimp_restart`.
+!> A checkpoint is an HDF5 file with a seal over all its bytes, written by all ranks. It is written under another name, waited for,
+!> and renamed; the one before is kept. What is in it is the business of `gimp_restart`.
 module gimp_checkpoint
   use gimp_common_kinds, only: i8
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of, count_words, nth_word
   use gimp_hash_table, only: mix_bits
   use gimp_parcel, only: parcel_t, unpack_parcel
+  use gimp_ranks, only: this_rank
+  use gimp_over_ranks, only: share_error
   use gimp_file_system, only: rename_file, delete_file, file_exists
   use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, read_dataset, write_dataset, read_attribute, has_attribute
+  use gimp_shared_hdf5, only: shared_file_t, lay_out, close_shared, drop_shared
   use gimp_sealed_file, only: seal_bytes, seal_file, check_seal
   implicit none(type, external)
   private
@@ -17,7 +20,7 @@ module gimp_checkpoint
   public :: write_parcel, read_parcel, longer_lineage, check_lineage
 
   character(len=*), parameter :: kind = "gimp.x checkpoint"
-  integer, parameter :: version = 3 !! of the format: one more with every change that an older program would misread
+  integer, parameter :: version = 4 !! of the format: one more with every change that an older program would misread
   character(len=*), parameter :: newest_end = ".checkpoint.h5", older_end = ".checkpoint.old.h5"
   integer, parameter :: longest_lineage = 30000 !! characters; older entries are forgotten
 
@@ -37,48 +40,54 @@ contains
     path = name//older_end
   end function older_path
 
-  !> Start a checkpoint under a name aside
-  subroutine begin_checkpoint(name, file, error)
+  !> Start to lay out a checkpoint under a name aside. Collective
+  subroutine begin_checkpoint(name, shared, error)
     character(len=*), intent(in) :: name
-    type(hdf5_file_t), intent(out) :: file
+    type(shared_file_t), intent(out) :: shared
     type(error_t), allocatable, intent(out) :: error
-    call open_hdf5(newest_path(name)//".part", "overwrite", file, error, user_block=seal_bytes)
+    call lay_out(newest_path(name)//".part", shared, error, user_block=seal_bytes)
   end subroutine begin_checkpoint
 
-  !> Seal what was written and give it its name; the present newest becomes the older one, unless it is worth nothing
-  subroutine end_checkpoint(name, keep_present, file, error)
+  !> Seal what all ranks have written and give it its name; the present newest becomes the older one, unless it is worth nothing.
+  !> `error` may come in from one rank: then nothing is renamed. Collective
+  subroutine end_checkpoint(name, keep_present, shared, error)
     character(len=*), intent(in) :: name
     logical, intent(in) :: keep_present
-    type(hdf5_file_t), intent(inout) :: file
-    type(error_t), allocatable, intent(out) :: error
+    type(shared_file_t), intent(inout) :: shared
+    type(error_t), allocatable, intent(inout) :: error
     character(len=:), allocatable :: newest
     newest = newest_path(name)
-    call close_hdf5(file, error)
+    call close_shared(shared, error)
     if (.not. allocated(error)) call seal_file(newest//".part", kind, version, error)
     if (allocated(error)) return
-    if (file_exists(newest) .and. keep_present) call rename_file(newest, older_path(name), error)
-    if (.not. allocated(error)) call rename_file(newest//".part", newest, error)
+    if (this_rank == 0) then
+      if (file_exists(newest) .and. keep_present) call rename_file(newest, older_path(name), error)
+      if (.not. allocated(error)) call rename_file(newest//".part", newest, error)
+    end if
+    call share_error(error)
   end subroutine end_checkpoint
 
-  !> Take away what could not be finished
-  subroutine drop_checkpoint(name, file)
+  !> Take away what could not be finished. All ranks have the error that says so
+  subroutine drop_checkpoint(name, shared)
     character(len=*), intent(in) :: name
-    type(hdf5_file_t), intent(inout) :: file
+    type(shared_file_t), intent(inout) :: shared
     type(error_t), allocatable :: ignored
-    call close_hdf5(file, ignored)
-    call delete_file(newest_path(name)//".part", ignored)
+    call drop_shared(shared)
+    if (this_rank == 0) call delete_file(newest_path(name)//".part", ignored)
   end subroutine drop_checkpoint
 
-  !> Open a checkpoint for reading, after a look at every byte of it
+  !> Open a checkpoint for reading, after a look at every byte of it. Collective
   subroutine open_checkpoint(path, file, error)
     character(len=*), intent(in) :: path
     type(hdf5_file_t), intent(out) :: file
     type(error_t), allocatable, intent(out) :: error
     call check_seal(path, kind, version, error)
-    if (.not. allocated(error)) call open_hdf5(path, "read", file, error)
+    if (allocated(error)) return
+    call open_hdf5(path, "read", file, error)
+    call share_error(error)
   end subroutine open_checkpoint
 
-  !> The other of the two checkpoints that are kept, if it is whole: "; PATH is whole (step N)". Else nothing
+  !> The other of the two checkpoints that are kept, if it is whole: "; PATH is whole (step N)". Else nothing. Collective
   function twin_of(path) result(words)
     character(len=*), intent(in) :: path
     character(len=:), allocatable :: words, twin
@@ -97,6 +106,7 @@ contains
     end if
     call open_checkpoint(twin, file, error)
     if (.not. allocated(error)) call read_attribute(file, "", "step", step, error)
+    call share_error(error)
     if (.not. allocated(error)) words = "; "//twin//" is whole (step "//text_of(step)//")"
     call close_hdf5(file, error)
 
@@ -150,11 +160,19 @@ contains
     end do
   end function longer_lineage
 
-  !> Whether an output file still begins with what it held when a checkpoint was written
+  !> Whether an output file still begins with what it held when a checkpoint was written. Collective
   subroutine check_lineage(path, lineage, step, error)
     character(len=*), intent(in) :: path !! of the output file
     character(len=*), intent(in) :: lineage !! as the checkpoint has it
     integer(i8), intent(in) :: step !! of the checkpoint
+    type(error_t), allocatable, intent(out) :: error
+    if (this_rank == 0) call compare_lineage(path, lineage, step, error)
+    call share_error(error)
+  end subroutine check_lineage
+
+  subroutine compare_lineage(path, lineage, step, error)
+    character(len=*), intent(in) :: path, lineage
+    integer(i8), intent(in) :: step
     type(error_t), allocatable, intent(out) :: error
     type(hdf5_file_t) :: file
     type(error_t), allocatable :: ignored
@@ -183,6 +201,6 @@ contains
       if (from < step) call raise(error, path//" was continued from step "//text_of(from) &
                                   //" since; only checkpoints of that run or up to that step fit it")
     end if
-  end subroutine check_lineage
+  end subroutine compare_lineage
 
 end module gimp_checkpoint

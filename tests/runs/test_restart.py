@@ -214,7 +214,7 @@ def test_damage_is_noticed_anywhere(gimp_x, copy):
         path.write_bytes(spoilt)
         told = refused(gimp_x, folder, text, path.name)
         assert "1 mistake in the scene" in told and "checkpoint.h5" in told
-        assert any(w in told for w in ("is damaged", "is not a gimp.x checkpoint", "newer than")), told
+        assert any(w in told for w in ("is damaged", "is not a gimp.x checkpoint", "newer than", "older than")), told
         assert "; block.checkpoint.old.h5 is whole (step 30)" in told
     path.write_bytes(sound[:-1000])
     assert "is damaged: it has" in refused(gimp_x, folder, text, path.name)
@@ -227,7 +227,7 @@ def test_damage_is_noticed_anywhere(gimp_x, copy):
                    capture_output=True, timeout=60)
 
 
-def test_foreign_and_newer_files(gimp_x, copy):
+def test_foreign_newer_and_older_files(gimp_x, copy):
     folder, text = copy
     (folder / "foreign.h5").write_bytes(b"an HDF5 file this is not")
     assert "foreign.h5: is not a gimp.x checkpoint" in refused(gimp_x, folder, text, "foreign.h5")
@@ -237,9 +237,12 @@ def test_foreign_and_newer_files(gimp_x, copy):
     (folder / "block.checkpoint.h5").rename(folder / "moved.h5")
     told = refused(gimp_x, folder, text, "block.checkpoint.h5")  # as a kill between two renames leaves it
     assert "block.checkpoint.h5: no such file; block.checkpoint.old.h5 is whole (step 30)" in told
-    newer = (folder / "moved.h5").read_bytes().replace(b" version            3 ", b" version            4 ", 1)
-    (folder / "newer.h5").write_bytes(newer)
-    assert "newer.h5: has format version 4, newer than the 3" in refused(gimp_x, folder, text, "newer.h5")
+    sound = (folder / "moved.h5").read_bytes()
+    (folder / "newer.h5").write_bytes(sound.replace(b" version            4 ", b" version            5 ", 1))
+    assert "newer.h5: has format version 5, newer than the 4" in refused(gimp_x, folder, text, "newer.h5")
+    (folder / "older.h5").write_bytes(sound.replace(b" version            4 ", b" version            3 ", 1))
+    assert "older.h5: has format version 3, older than the 4 that this program knows; the gimp.x that wrote it" \
+        in refused(gimp_x, folder, text, "older.h5")
 
 
 def test_another_scene(gimp_x, copy):

@@ -1,6 +1,6 @@
 gimp_add_unit_test(files test_file_system)
 gimp_add_unit_test(files test_hdf5)
-gimp_add_unit_test(files test_shared_hdf5 RANKS 3)
+gimp_add_rank_test(files test_shared_hdf5 RANKS 1 3)
 gimp_add_unit_test(files test_append_file)
 gimp_add_unit_test(files test_particle_file)
-gimp_add_unit_test(files test_sealed_file RANKS 3)
+gimp_add_rank_test(files test_sealed_file RANKS 1 3)
