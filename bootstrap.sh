@@ -20,7 +20,8 @@ usage: ./bootstrap.sh COMMAND
   run [INPUT]   build, run the scene INPUT (default: inputs/two_disks.nml) in a new folder under
                 runs/, draw a PNG of it and say where both are
   test          build, run the unit tests and the tests of whole runs, end with one summary line
-  build         install what is missing and build: the program is build/bin/gimp.x
+  build         install what is missing and build: the program is build/bin/gimp.x, with MPI
+                also gimp_mpi.x, with coarrays also gimp_caf.x
   help          this text
 
 On Debian and Ubuntu (as root or with sudo) missing packages are installed with apt-get; nothing is
@@ -52,6 +53,15 @@ has_lapack() { # any that cmake can link: Debian's, or another one under its nam
   fi
   has pkg-config && { pkg-config --exists lapack 2>/dev/null || pkg-config --exists openblas 2>/dev/null; } && return 0
   [[ $(uname) == Darwin ]] # part of the system
+}
+
+# Either kind of processes that work together; the program that needs them is left out without them
+has_mpi_fortran() { has mpirun && has mpifort; }
+has_coarrays() {
+  if has dpkg-query; then
+    dpkg-query -W -f='${Status}' libcoarrays-openmpi-dev 2>/dev/null | grep -q 'ok installed' && return 0
+  fi
+  has caf
 }
 
 python_with() { # python_with INTERPRETER MODULE...: true if it can import them all
@@ -90,6 +100,12 @@ missing_packages() { # missing_packages MODULE...: Debian names of all that is n
       python_with /usr/bin/python3 "$module" || echo "python3-$module"
     done
   fi
+}
+
+# What gimp_mpi.x and gimp_caf.x need; all else works without
+missing_parallel_packages() {
+  has_mpi_fortran || echo openmpi-bin libopenmpi-dev
+  has_coarrays || echo openmpi-bin libcoarrays-openmpi-dev
 }
 
 # --- getting what is missing ----------------------------------------------------------------------
@@ -136,6 +152,13 @@ prepare() { # prepare MODULE...: tools and a Python that imports the modules, or
       warn "missing here; the Debian names are: $missing"
       warn "elsewhere: GNU Fortran 12 or newer, CMake 3.22 or newer, Ninja or Make, HDF5 with Fortran, LAPACK," \
         "fypp, and Python 3 with: $*"
+    fi
+  fi
+  missing=$(missing_parallel_packages | tr '\n' ' ')
+  if [[ -n ${missing// /} ]]; then
+    # shellcheck disable=SC2086 # one word per package
+    if ! may_install || ! install_packages $missing; then
+      warn "runs on several ranks are left out; the Debian names of what they need are: $missing"
     fi
   fi
 
@@ -186,7 +209,11 @@ build_release() {
     || die "the build failed; all of it is in $build/build.log"
   printf '%s\n' "$PYTHON" >"$build/python.path"
   [[ -x $gimp ]] || die "the build ended without $gimp"
-  say "built $gimp"
+  local program programs=$gimp
+  for program in "$build/bin/gimp_mpi.x" "$build/bin/gimp_caf.x"; do
+    [[ ! -x $program ]] || programs+=", $(basename "$program")"
+  done
+  say "built $programs"
 }
 
 # --- run ------------------------------------------------------------------------------------------

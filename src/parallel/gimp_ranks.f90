@@ -24,7 +24,8 @@ module gimp_ranks
     integer(i8), allocatable :: to_words(:) !! words of each message this time, at most its room
     integer(i8), allocatable :: from_words(:) !! words that came
     integer(i8), pointer, contiguous :: out(:) => null(), in(:) => null() !! the buffers
-    integer, allocatable :: request(:) !! of the backend
+    integer, allocatable :: request(:) !! of messages under way; for `mpi`
+    integer(i8), allocatable :: place(:) !! of each message in the mailbox of the other rank; for `coarray`
     logical :: under_way = .false.
   end type channel_t
 
@@ -102,7 +103,7 @@ module gimp_ranks
       type(channel_t), intent(inout) :: channel
     end subroutine start_exchange
 
-    !> Wait until all messages are there
+    !> Wait until all messages are there. Collective
     module subroutine finish_exchange(channel)
       type(channel_t), intent(inout) :: channel
     end subroutine finish_exchange
