@@ -10,7 +10,7 @@ module gimp_images
   use omp_lib, only: omp_get_max_threads
   implicit none(type, external)
   private
-  public :: image_t, related_blocks, images_wanted, build_images, note_images, fold_images, copy_images
+  public :: image_t, related_blocks, related_along, images_wanted, build_images, note_images, fold_images, copy_images
 
   integer, parameter :: few_images = 500 !! not worth waking other threads for
 
@@ -87,7 +87,22 @@ contains
     list = reshape([(((along(i, 1), along(j, 2), along(l, 3), i=1, n(1)), j=1, n(2)), l=1, n(3))], [3, product(n)])
   end subroutine related_blocks
 
-  !> The same along one axis
+  !> All coordinates along an axis of blocks that share a node with one of a list; axes do not ask each other
+  pure function related_along(grid, k, list) result(all)
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: k, list(:)
+    integer, allocatable :: all(:)
+    integer :: one(64), i, j, n
+    allocate (all(0))
+    do i = 1, size(list)
+      call related_on_axis(grid, k, list(i), one, n)
+      do j = 1, n
+        if (.not. any(all == one(j))) all = [all, one(j)]
+      end do
+    end do
+  end function related_along
+
+  !> Coordinates along one axis of blocks that share a node with a block
   pure subroutine related_on_axis(grid, k, at, list, n)
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: k, at

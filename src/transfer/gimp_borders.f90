@@ -8,8 +8,8 @@ module gimp_borders
   use gimp_grid, only: grid_t, block_key, block_at_key, block_of_node, canonical_node, has_images, nodes_per_block, &
     nf => fields_per_node
   use gimp_blocks, only: build_blocks
-  use gimp_images, only: images_wanted, build_images, related_blocks
-  use gimp_hash_table, only: hash_table_t, clear_table, insert_key, find_key
+  use gimp_images, only: images_wanted, build_images, related_blocks, related_along
+  use gimp_hash_table, only: hash_table_t, clear_table, insert_key, find_key, list_keys
   use gimp_sorting, only: rank_keys, sort_order
   use gimp_storage, only: real_bytes
   use gimp_ranks, only: this_rank, ranks, exchange_words, open_channel, close_channel, start_exchange, finish_exchange
@@ -104,51 +104,47 @@ contains
     integer(i8), intent(in) :: cut(0:)
     integer, intent(in) :: at(3)
     integer, intent(out) :: list(:), n
-    integer, allocatable :: around(:, :), related(:, :), again(:, :)
-    integer :: i, j, step(3)
+    integer, allocatable :: x(:), y(:), z(:)
+    integer :: i, j, k, r, step(3)
     n = 0
     step = merge(reach, 0, [1, 2, 3] <= grid%dim)
     if (.not. near_images(grid, at)) then
       if (is_mine(cut, block_key(at - step)) .and. is_mine(cut, block_key(at + step))) return ! and all between
-      call note_box(at - step, at + step)
-      return
     end if
-    step = min(step, 1)
-    around = box_of(at - step, at + step)
-    do i = 1, size(around, 2) ! slots that it gives to, those that share nodes with them, and once more
-      call related_blocks(grid, around(:, i), related)
-      do j = 1, size(related, 2)
-        call related_blocks(grid, related(:, j), again)
-        call note_all(again)
-      end do
-    end do
-
-  contains
-
-    subroutine note_all(again)
-      integer, intent(in) :: again(:, :)
-      integer :: k
-      do k = 1, size(again, 2)
-        call note_box(again(:, k) - step, again(:, k) + step)
-      end do
-    end subroutine note_all
-
-    subroutine note_box(low, high)
-      integer, intent(in) :: low(3), high(3)
-      integer :: x, y, z, r
-      do z = low(3), high(3)
-        do y = low(2), high(2)
-          do x = low(1), high(1)
-            r = rank_of_key(cut, block_key([x, y, z]))
-            if (r == this_rank .or. any(list(:n) == r)) cycle
-            n = n + 1
-            list(n) = r
-          end do
+    x = coordinates_near(grid, 1, at(1))
+    y = coordinates_near(grid, 2, at(2))
+    z = coordinates_near(grid, 3, at(3))
+    do k = 1, size(z)
+      do j = 1, size(y)
+        do i = 1, size(x)
+          r = rank_of_key(cut, block_key([x(i), y(j), z(k)]))
+          if (r == this_rank .or. any(list(:n) == r)) cycle
+          n = n + 1
+          list(n) = r
         end do
       end do
-    end subroutine note_box
-
+    end do
   end subroutine ranks_near
+
+  !> Along one axis: blocks near slots that a block gives to, or near slots that share nodes with those, twice over
+  pure function coordinates_near(grid, k, at) result(list)
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: k, at
+    integer, allocatable :: list(:)
+    integer, allocatable :: slots(:)
+    integer :: i, d
+    if (k > grid%dim) then
+      list = [at]
+      return
+    end if
+    slots = related_along(grid, k, related_along(grid, k, [at - 1, at, at + 1]))
+    allocate (list(0))
+    do i = 1, size(slots)
+      do d = -1, 1
+        if (.not. any(list == slots(i) + d)) list = [list, slots(i) + d]
+      end do
+    end do
+  end function coordinates_near
 
   !> Whether nodes near a block stand for others, or others for them
   pure logical function near_images(grid, at)
@@ -195,48 +191,52 @@ contains
     type(border_t), intent(in) :: border
     integer, intent(in) :: block_at(:, :)
     integer, allocatable, intent(inout) :: extra(:, :)
-    integer, allocatable :: around(:, :), related(:, :), wider(:, :)
-    integer :: b, i, j, n, step(3), base
+    type(hash_table_t) :: seen
+    integer(i8), allocatable :: keys(:)
+    integer, allocatable :: related(:, :), near(:, :)
+    integer :: b, i, n, step(3)
     if (.not. has_images(grid)) return
     step = merge(1, 0, [1, 2, 3] <= grid%dim)
-    allocate (wider(3, 64))
-    n = 0
-    base = size(extra, 2)
+    call clear_table(seen, 64)
+    do b = 1, size(extra, 2)
+      call note_related(extra(:, b), 0)
+    end do
     do b = 1, size(block_at, 2)
-      if (.not. near_images(grid, block_at(:, b))) cycle
-      around = box_of(block_at(:, b) - step, block_at(:, b) + step)
-      do i = 1, size(around, 2)
-        call note_related(around(:, i))
+      if (near_images(grid, block_at(:, b))) call note_related(block_at(:, b), 1)
+    end do
+    allocate (keys(seen%n))
+    call list_keys(seen, keys)
+    related = reshape([(block_at_key(keys(i)), i=1, size(keys))], [3, size(keys)])
+    n = 0
+    do i = 1, size(keys)
+      near = box_of(related(:, i) - step, related(:, i) + step)
+      do b = 1, size(near, 2)
+        if (find_key(border%ghost_of, block_key(near(:, b))) > 0) exit
       end do
+      if (b > size(near, 2)) cycle ! nobody else gives to it
+      n = n + 1
+      related(:, n) = related(:, i)
     end do
-    do b = 1, base
-      call note_related(extra(:, b))
-    end do
-    extra = reshape([extra, wider(:, :n)], [3, base + n])
+    extra = reshape([extra, related(:, :n)], [3, size(extra, 2) + n])
 
   contains
 
-    subroutine note_related(at)
-      integer, intent(in) :: at(3)
-      call related_blocks(grid, at, related)
-      do j = 1, size(related, 2)
-        if (.not. ghost_near(related(:, j))) cycle ! nobody gives to it
-        if (n == size(wider, 2)) wider = reshape(wider, [3, 2*n], pad=[0])
-        n = n + 1
-        wider(:, n) = related(:, j)
+    !> Slots that share nodes with those up to `far` blocks from a place
+    subroutine note_related(at, far)
+      integer, intent(in) :: at(3), far
+      integer, allocatable :: x(:), y(:), z(:)
+      integer :: i, j, k, value
+      x = related_along(grid, 1, [(at(1) + i, i=-far*step(1), far*step(1))])
+      y = related_along(grid, 2, [(at(2) + i, i=-far*step(2), far*step(2))])
+      z = related_along(grid, 3, [(at(3) + i, i=-far*step(3), far*step(3))])
+      do k = 1, size(z)
+        do j = 1, size(y)
+          do i = 1, size(x)
+            call insert_key(seen, block_key([x(i), y(j), z(k)]), 1, value)
+          end do
+        end do
       end do
     end subroutine note_related
-
-    logical function ghost_near(at)
-      integer, intent(in) :: at(3)
-      integer :: k
-      integer, allocatable :: near(:, :)
-      ghost_near = .false.
-      near = box_of(at - step, at + step)
-      do k = 1, size(near, 2)
-        ghost_near = ghost_near .or. find_key(border%ghost_of, block_key(near(:, k))) > 0
-      end do
-    end function ghost_near
 
   end subroutine add_related
 
@@ -576,8 +576,10 @@ contains
     if (ranks == 1) return
     allocate (to(64), which(64))
     n = 0
+    slot = 0
     do k = 1, entries%n
-      call holders(engine, entries%slot(k), near, found)
+      if (entries%slot(k) /= slot) call holders(engine, entries%slot(k), near, found)
+      slot = entries%slot(k)
       do r = 1, found
         if (n == size(to)) then
           to = [to, to]
