@@ -1,10 +1,13 @@
-!> gimp.x < input.nml: the only place that ends the program. Exit codes: 0 done, 1 the run failed, 2 bad input.
+!> gimp.x < input.nml: the only place that ends the program. Exit codes: 0 done, 1 the run failed, 2 bad input,
+!> 75 stopped early with a checkpoint.
 !> All ranks go the same way to the end; the first reads the scene, and only the first says anything.
 program gimp_main
-  use gimp_kinds, only: precision_word
+  use gimp_kinds, only: dp, precision_word
   use gimp_error, only: error_t, report_lines
   use gimp_text, only: text_of
   use gimp_file_system, only: file_exists
+  use gimp_timer, only: seconds_now
+  use gimp_signals, only: install_handlers, stops
   use gimp_ranks, only: start_ranks, end_ranks, this_rank
   use gimp_over_ranks, only: share_text, share_error
   use gimp_scene, only: read_input, parse_scene, help_text, group_help, write_reference, text_most
@@ -15,19 +18,23 @@ program gimp_main
   include "gimp_commit.inc"
   type(run_t), allocatable :: run ! on the heap: it is large
   type(build_t) :: build
+  real(dp) :: start ! of the program [s]
   type(error_t), allocatable :: error
   character(len=:), allocatable :: text
   character(len=:), allocatable :: restart
   logical :: only_check, failed
 
   build = build_t(GIMP_VERSION, build_commit, GIMP_BUILD)
+  start = seconds_now()
   call start_ranks()
   call read_command_line(only_check, restart)
   allocate (run)
+  run%clock%start = start
   if (this_rank == 0) call read_input(text)
   call share_text(0, text)
   call parse_scene(text, run%scene, error, restart)
   call share_error(error) ! files may look different from elsewhere
+  if (.not. only_check) call install_handlers() ! not before: who waits for input wants to be stopped at once
   if (.not. allocated(error)) call prepare(run, error)
   if (allocated(error)) call tell_mistakes()
   if (only_check) then
@@ -41,7 +48,7 @@ program gimp_main
     if (this_rank == 0) call tell_failure()
     call end_ranks(1)
   end if
-  call end_ranks(0)
+  call end_ranks(merge(75, 0, stops(run%stopped_by)))
 
 contains
 

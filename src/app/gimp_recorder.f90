@@ -41,7 +41,7 @@ module gimp_recorder
     integer :: frame = 0 !! frames written
     integer :: next_frame = 0 !! the next one is due at this multiple of `every`
     logical :: has_csv = .false.
-    character(len=:), allocatable :: lineage !! who wrote the output file; empty where no checkpoints are asked for
+    character(len=:), allocatable :: lineage !! who wrote the output file
     real(dp) :: frame_time = -1.0_dp !! of the last frame [s]
     integer(i8) :: row_step = -1 !! step of the last history row
     type(totals_t) :: totals
@@ -55,12 +55,11 @@ module gimp_recorder
 contains
 
   !> Create the output file and announce what will be in it
-  subroutine open_recorder(scene, s, solution, body_first, with_checkpoints, recorder, error)
+  subroutine open_recorder(scene, s, solution, body_first, recorder, error)
     type(scene_t), intent(in) :: scene
     type(stepper_t), intent(in) :: s
     type(verification_t), intent(in) :: solution
     integer(i8), intent(in) :: body_first(:) !! first number of each body
-    logical, intent(in) :: with_checkpoints !! the output file is to be known again
     type(recorder_t), intent(out) :: recorder
     type(error_t), allocatable, intent(out) :: error
     character(len=:), allocatable :: complete
@@ -69,11 +68,9 @@ contains
     call name_columns(s%engine%grid%dim, recorder)
     call open_output(recorder%path, logical_of(scene, "output", 1, "overwrite"), recorder%output, error)
     if (allocated(error)) return
-    if (with_checkpoints) then
-      recorder%lineage = longer_lineage("", 0_i8)
-      call sign_output(recorder%output, recorder%lineage, error)
-      if (allocated(error)) return
-    end if
+    recorder%lineage = longer_lineage("", 0_i8)
+    call sign_output(recorder%output, recorder%lineage, error)
+    if (allocated(error)) return
     call echo_scene(scene, complete)
     if (logical_of(scene, "output", 1, "overwrite")) then ! what is left of a run that is replaced would mislead
       call delete_file(recorder%name//".failed.h5", error)

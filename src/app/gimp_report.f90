@@ -11,6 +11,7 @@ module gimp_report
   use gimp_engine, only: engine_bytes
   use gimp_particles, only: live_bytes, field_t
   use gimp_summary, only: put_summary
+  use gimp_checkpoint, only: newest_path
   use gimp_verification, only: error_scale, error_scale_text, solution_name
   use gimp_measures, only: state_hash
   use gimp_books, only: energy_residual, energy_drift, momentum_residual
@@ -23,7 +24,7 @@ module gimp_report
   implicit none(type, external)
   private
   public :: build_t, progress_t, whole_t, measure_whole, hash_text, print_header, start_progress, show_progress, end_progress, &
-    print_closing, write_closing, estimated_steps
+    tell_checkpoint, print_closing, print_going_on, write_closing, estimated_steps
 
   !> How the executable was built
   type :: build_t
@@ -136,6 +137,7 @@ contains
                              //"; the fullest holds "//short_number(real(whole%most_bytes, dp))//"B")
     call line("  time       "//text_of(s%time_options%end)//" s in about "//with_thousands(ceiling(estimated_steps(s), i8)) &
               //" steps of "//text_of(s%time_options%end/max(1.0_dp, estimated_steps(s)), 3)//" s")
+    flush (output_unit)
 
   contains
 
@@ -240,6 +242,18 @@ contains
     flush (output_unit)
   end subroutine show_progress
 
+  !> A line in the log for a checkpoint that was written
+  subroutine tell_checkpoint(progress, s, name, seconds)
+    type(progress_t), intent(in) :: progress
+    type(stepper_t), intent(in) :: s
+    character(len=*), intent(in) :: name !! of the output
+    real(dp), intent(in) :: seconds !! it took
+    if (.not. progress%shown .or. progress%terminal .or. this_rank > 0) return
+    call line("  checkpoint at step "//with_thousands(s%step)//", t = "//text_of(s%time, 4)//" s, in "//newest_path(name) &
+              //" after "//text_of(seconds, 2)//" s")
+    flush (output_unit)
+  end subroutine tell_checkpoint
+
   !> Leave the progress line
   subroutine end_progress(progress)
     type(progress_t), intent(in) :: progress
@@ -303,6 +317,14 @@ contains
     call line("  state_hash         "//whole%hash)
     call line("  output             "//recorder%path//", "//plural(recorder%frame, "frame", "frames"))
   end subroutine print_closing
+
+  !> How a run goes on that was stopped early
+  subroutine print_going_on(name, why)
+    character(len=*), intent(in) :: name !! of the output
+    character(len=*), intent(in) :: why !! it was stopped
+    if (this_rank > 0) return
+    call line("  stopped by "//why//"; go on with --restart "//newest_path(name)//" and the same scene")
+  end subroutine print_going_on
 
   !> What was clamped, cut or removed: silence means none
   subroutine print_counts(s)

@@ -35,6 +35,7 @@ module gimp_restart
     real(dp) :: every = 0.0_dp !! [s], of simulated time
     integer :: every_steps = 0
     real(dp) :: every_seconds = 0.0_dp !! wall clock
+    real(dp) :: max_seconds = 0.0_dp !! wall clock by which the run must be over; 0: no limit
     character(len=:), allocatable :: name !! of the output
     character(len=:), allocatable :: complete !! the scene with all defaults
     character(len=:), allocatable :: from !! checkpoint that this run goes on from; empty: it starts anew
@@ -56,6 +57,7 @@ contains
     restart%every = real_of(scene, "restart", 1, "every")
     restart%every_steps = integer_of(scene, "restart", 1, "every_steps")
     restart%every_seconds = 60.0_dp*real_of(scene, "restart", 1, "every_minutes")
+    restart%max_seconds = 60.0_dp*real_of(scene, "restart", 1, "max_walltime")
     restart%asked = restart%every > 0.0_dp .or. restart%every_steps > 0 .or. restart%every_seconds > 0.0_dp
     restart%from = text_of_key(scene, "restart", 1, "from")
     restart%name = text_of_key(scene, "output", 1, "name")

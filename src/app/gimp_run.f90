@@ -2,6 +2,7 @@
 module gimp_run
   use gimp_kinds, only: dp, i8
   use gimp_error, only: error_t, add_error
+  use gimp_text, only: text_of
   use gimp_timer, only: seconds_now
   use gimp_ranks, only: this_rank
   use gimp_over_ranks, only: share_error, any_rank, sum_counts
@@ -10,14 +11,16 @@ module gimp_run
   use gimp_verification, only: verification_t
   use gimp_measures, only: nearest_particle
   use gimp_loads, only: load_point
-  use gimp_run_state, only: stepper_t
+  use gimp_run_state, only: stepper_t, stepper_bytes
   use gimp_stepper, only: start_run, plan_step, take_step
   use gimp_setup, only: set_up_scene, set_up_threads, body_named
   use gimp_populate, only: population_t, count_particles, populate
   use gimp_recorder, only: recorder_t, open_recorder, record_frame, record_row, close_recorder, record_failure, next_frame_time, &
     continue_record
   use gimp_report, only: build_t, progress_t, costs_t, whole_t, measure_whole, hash_text, print_header, start_progress, &
-    show_progress, end_progress, print_closing, write_closing
+    show_progress, end_progress, print_closing, write_closing, print_going_on, tell_checkpoint
+  use gimp_signals, only: wish_here, forget_checkpoint, wish_words, wish_none, wish_checkpoint, wish_walltime, stops
+  use gimp_walltime, only: walltime_t, start_walltime, note_step, note_checkpoint, time_is_up, reserve_of
   use gimp_restart, only: restart_t, set_up_restart, check_checkpoint, load_checkpoint, start_checkpoints, checkpoint_due, &
     write_checkpoint, continued_words
   use, intrinsic :: iso_fortran_env, only: output_unit
@@ -33,8 +36,10 @@ module gimp_run
     type(recorder_t) :: recorder
     type(restart_t) :: restart
     type(costs_t) :: costs
+    type(walltime_t) :: clock
     integer(i8), allocatable :: body_first(:)
     logical :: has_failed_state = .false. !! NAME.failed.h5 was written; a full disk may prevent it
+    integer :: stopped_by = wish_none !! who ended the run early, with a checkpoint
   end type run_t
 
 contains
@@ -71,8 +76,20 @@ contains
     call share_error(error)
     if (allocated(error)) return
     run%stepper%engine%particles%n_all = sum_counts(run%stepper%engine%particles%n)
+    call start_walltime(run%clock, run%restart%max_seconds, stepper_bytes(run%stepper))
+    call check_walltime(run, error)
+    call share_error(error)
     run%costs%setup = seconds_now() - start
   end subroutine prepare
+
+  !> A limit that stops a run before its first step would have a queue start it again for ever
+  subroutine check_walltime(run, error)
+    type(run_t), intent(in) :: run
+    type(error_t), allocatable, intent(inout) :: error
+    if (time_is_up(run%clock)) call complain(error, run%scene, "restart", 1, "max_walltime", "leaves no time for a step: the " &
+      //"set-up took "//text_of(seconds_now() - run%clock%start, 3)//" s and "//text_of(reserve_of(run%clock), 3) &
+      //" s are kept for a checkpoint")
+  end subroutine check_walltime
 
   !> Whether the run goes on from a checkpoint
   pure logical function is_continued(run)
@@ -141,7 +158,7 @@ contains
     if (is_continued(run)) then
       call continue_record(run%recorder, run%stepper%step, run%restart%lineage, error)
     else
-      call open_recorder(run%scene, run%stepper, run%solution, run%body_first, run%restart%asked, run%recorder, error)
+      call open_recorder(run%scene, run%stepper, run%solution, run%body_first, run%recorder, error)
       run%stepper%seconds = 0.0_dp
     end if
     call share_error(error)
@@ -165,6 +182,7 @@ contains
     call share_error(error)
     if (allocated(error)) return
     call print_closing(run%stepper, whole, run%recorder, run%costs, status)
+    if (stops(run%stopped_by)) call print_going_on(run%restart%name, wish_words(run%stopped_by))
     failed = .false.
   end subroutine run_scene
 
@@ -176,14 +194,22 @@ contains
     type(error_t), allocatable, intent(out) :: error
     real(dp) :: start
     real(dp) :: until
+    integer :: wish
     associate (s => run%stepper, end => run%stepper%time_options%end)
       status = "done"
       if (.not. is_continued(run)) call record(run, frame=.true., row=.true., error=error)
       if (allocated(error)) return
       call start_checkpoints(run%restart, s)
+      wish = wish_here()
+      call share_error(error, wish)
       do while (end - s%time > 1.0e-9_dp*max(s%dt, tiny(1.0_dp)))
         if (s%time_options%max_steps > 0 .and. s%step >= s%time_options%max_steps) then
           status = "max_steps"
+          exit
+        end if
+        if (stops(wish)) then
+          status = "stopped"
+          run%stopped_by = wish
           exit
         end if
         start = seconds_now()
@@ -193,7 +219,8 @@ contains
         call share_error(error)
         if (allocated(error)) return
         call take_step(s, error)
-        call share_error(error)
+        wish = wish_now(run)
+        call share_error(error, wish)
         if (allocated(error)) return
         run%costs%stepping = run%costs%stepping + seconds_now() - start
         run%costs%dt_min = min(run%costs%dt_min, s%dt)
@@ -202,16 +229,36 @@ contains
         call record(run, frame=s%time >= next_frame_time(run%recorder, end) - 1.0e-9_dp*s%dt, &
                     row=modulo(s%step, int(run%recorder%history_every, i8)) == 0, error=error)
         if (allocated(error)) return
-        if (any_rank(checkpoint_due(run%restart, s))) call keep_state(run, error)
+        if (wish == wish_checkpoint) call keep_state(run, progress, error)
         if (allocated(error)) return
         call show_progress(progress, s)
+        call note_step(run%clock)
       end do
-      ! before the frame that the end of the run asks for: a run that goes on has no frame here
-      if (run%restart%asked .and. run%restart%last_step /= s%step) call keep_state(run, error)
-      if (allocated(error)) return
-      call record(run, frame=.true., row=.true., error=error)
+      call end_record(run, progress, status, error)
     end associate
   end subroutine step_to_end
+
+  !> What this rank wishes after a step; ranks then take the strongest wish of all
+  integer function wish_now(run) result(wish)
+    type(run_t), intent(in) :: run
+    wish = wish_here()
+    if (time_is_up(run%clock)) wish = max(wish, wish_walltime)
+    if (checkpoint_due(run%restart, run%stepper)) wish = max(wish, wish_checkpoint)
+  end function wish_now
+
+  !> The last checkpoint, and then the frame that the end of the run asks for: a run that goes on has no frame here. One that was
+  !> told to stop leaves it out, as time may be short
+  subroutine end_record(run, progress, status, error)
+    type(run_t), intent(inout) :: run
+    type(progress_t), intent(inout) :: progress
+    character(len=*), intent(in) :: status
+    type(error_t), allocatable, intent(out) :: error
+    logical :: stopped
+    stopped = status == "stopped"
+    if ((run%restart%asked .or. stopped) .and. run%restart%last_step /= run%stepper%step) call keep_state(run, progress, error)
+    if (allocated(error)) return
+    call record(run, frame=.not. stopped, row=.true., error=error)
+  end subroutine end_record
 
   !> Write a row and a frame where they are due; a frame always has its row
   subroutine record(run, frame, row, error)
@@ -229,14 +276,19 @@ contains
   end subroutine record
 
   !> Write a checkpoint
-  subroutine keep_state(run, error)
+  subroutine keep_state(run, progress, error)
     type(run_t), intent(inout) :: run
+    type(progress_t), intent(in) :: progress
     type(error_t), allocatable, intent(out) :: error
-    real(dp) :: start
+    real(dp) :: start, seconds
     start = seconds_now()
     call write_checkpoint(run%restart, run%stepper, run%recorder, run%costs, error)
     call share_error(error)
-    run%costs%output = run%costs%output + seconds_now() - start
+    seconds = seconds_now() - start
+    run%costs%output = run%costs%output + seconds
+    call forget_checkpoint()
+    call note_checkpoint(run%clock, seconds)
+    if (.not. allocated(error)) call tell_checkpoint(progress, run%stepper, run%restart%name, seconds)
   end subroutine keep_state
 
 end module gimp_run

@@ -152,16 +152,21 @@ contains
   end subroutine share_text
 
   !> If any rank has an error all have the one of the lowest rank that has one. Collective
-  subroutine share_error(error)
+  subroutine share_error(error, largest)
     type(error_t), allocatable, intent(inout) :: error
+    integer, intent(inout), optional :: largest !! a whole number, in: of this rank, out: the largest; it costs no message of its own
     character(len=:), allocatable :: message
-    integer(i8) :: first
+    integer(i8) :: words(2)
     if (ranks == 1) return
-    first = -largest_count(-merge(int(this_rank, i8), int(ranks, i8), allocated(error)))
-    if (first == ranks) return
+    words = 0
+    words(1) = -merge(int(this_rank, i8), int(ranks, i8), allocated(error))
+    if (present(largest)) words(2) = largest
+    call largest_words(words)
+    if (present(largest)) largest = int(words(2))
+    if (words(1) == -ranks) return
     message = ""
     if (allocated(error)) message = error%message
-    call share_text(int(first), message)
+    call share_text(int(-words(1)), message)
     call raise(error, message)
   end subroutine share_error
 

@@ -78,7 +78,7 @@ contains
     groups(10) = group_t("verification", 0, 1, .false., "an exact solution: it gives start, body force and error norms")
     groups(11) = group_t("mesh", 0, 1, .true., "an unstructured mesh in place of the grid")
     groups(12) = group_t("contact", 0, 0, .true., "contact between bodies")
-    groups(13) = group_t("restart", 0, 1, .false., "when checkpoints are written, and the one to continue from")
+    groups(13) = group_t("restart", 0, 1, .false., "when checkpoints are written, the one to go on from, and the wall-clock limit")
     groups(14) = group_t("parallel", 0, 1, .false., "how many threads work, and how ranks share the work; results do not depend on it")
     groups(15) = group_t("refine", 0, 1, .true., "refinement of grid and particles")
   end subroutine list_groups
@@ -419,6 +419,8 @@ contains
     call add(t, n, g, "every_steps", kind_integer, "steps between checkpoints; 0: none", range="[0,)", default="0")
     call add(t, n, g, "every_minutes", kind_real, "wall-clock time between checkpoints; 0: none", unit="min", range="[0,)", &
              default="0")
+    call add(t, n, g, "max_walltime", kind_real, "wall-clock time from the start of the program at which the run must be over: "// &
+             "before that it writes a checkpoint and stops with exit code 75; 0: no limit", unit="min", range="[0,)", default="0")
     call add(t, n, g, "from", kind_text, "checkpoint to continue from; the command line says the same with --restart FILE", &
              empty_default=.true.)
   end subroutine restart_keys

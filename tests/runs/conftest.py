@@ -1,5 +1,6 @@
 """What the tests of whole runs share: the program, and one way to run a scene and look at what it left behind."""
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -14,6 +15,8 @@ INPUTS = REPOSITORY / "inputs"
 HARD = sorted((INPUTS / "hard").glob("*.nml"))
 REFUSED_INPUTS = [path for path in HARD if "\n! hard: refused" in path.read_text()]
 SCENES = sorted(INPUTS.glob("*.nml")) + [path for path in HARD if path not in REFUSED_INPUTS]  # all that run; inputs/benchmark is apart
+# more ranks than cores are fine, and who waits gives way
+MPIRUN = ["mpirun", "--allow-run-as-root", "--oversubscribe", "--mca", "mpi_yield_when_idle", "1"]
 sys.path.insert(0, str(REPOSITORY / "postprocessing"))
 
 import gimp_files  # noqa: E402
@@ -93,6 +96,17 @@ def gimp_sp_x(gimp_x):
     return path
 
 
+@pytest.fixture(scope="session")
+def gimp_mpi_x(gimp_x):
+    """Path of the program that runs on several ranks: gimp_mpi.x beside gimp.x; a build without it skips the test"""
+    path = gimp_x.with_name("gimp_mpi.x")
+    if not os.access(path, os.X_OK):
+        pytest.skip(f"there is no {path}: the build has GIMP_MPI=OFF")
+    if shutil.which(MPIRUN[0]) is None:
+        pytest.skip("there is no mpirun")
+    return path
+
+
 @pytest.fixture
 def run_scene(gimp_x):
     """A function run_scene(scene, folder, arguments=(), timeout=300, **overrides) -> Run
@@ -139,7 +153,7 @@ def output_name(text):
 
 
 # what may differ: how long it took, on how many threads and with how much room, who wrote it, and the text of a scene that asks for checkpoints
-VOLATILE = ("/summary@wall_seconds", "/summary@bytes_per_particle", "/summary@seconds_", "/summary@particle_steps_per_", "/summary@threads", "/@lineage", "/scene/")
+VOLATILE = ("/summary@wall_seconds", "/summary@bytes_per_particle", "/summary@seconds_", "/summary@particle_steps_per_", "/summary@threads", "/summary@ranks", "/@lineage", "/scene/")
 
 
 def content(path):

@@ -126,9 +126,12 @@ contains
   !> On no rank, on one, on several: all know that of the lowest
   subroutine test_errors()
     type(error_t), allocatable :: error
-    integer :: r
+    integer :: r, most
     call share_error(error)
     call check_true(.not. allocated(error), "no error")
+    most = 10 + this_rank
+    call share_error(error, most)
+    call check_true(.not. allocated(error) .and. most == 9 + ranks, "no error, and the largest number")
     do r = 0, ranks - 1
       if (allocated(error)) deallocate (error)
       if (this_rank == r) call raise(error, "wrong on rank "//text_of(r))
@@ -140,6 +143,9 @@ contains
       call share_error(error)
       call check_true(allocated(error), "all have one error")
       if (allocated(error)) call check(error%message, "wrong on rank "//text_of(r)//repeat(", very", r), "the error of the lowest rank")
+      most = -abs(this_rank - r)
+      call share_error(error, most)
+      call check_true(most == 0, "the largest number comes with an error too")
     end do
   end subroutine test_errors
 
