@@ -86,9 +86,8 @@ contains
   subroutine check_walltime(run, error)
     type(run_t), intent(in) :: run
     type(error_t), allocatable, intent(inout) :: error
-    if (time_is_up(run%clock)) call complain(error, run%scene, "restart", 1, "max_walltime", "leaves no time for a step: the " &
-      //"set-up took "//text_of(seconds_now() - run%clock%start, 3)//" s and "//text_of(reserve_of(run%clock), 3) &
-      //" s are kept for a checkpoint")
+    if (time_is_up(run%clock)) call complain(error, run%scene, "restart", 1, "max_walltime", "leaves no time for a step after " &
+      //"the set-up, with "//text_of(reserve_of(run%clock), 2)//" s kept for a checkpoint")
   end subroutine check_walltime
 
   !> Whether the run goes on from a checkpoint

@@ -41,7 +41,8 @@ contains
       "exit codes"//nl// &
       "  0  done, also when max_steps ended the run"//nl// &
       "  1  the run failed; the frames written so far stay"//nl// &
-      "  2  bad input; nothing was run"
+      "  2  bad input; nothing was run"//nl// &
+      " 75  stopped early, by a signal or max_walltime, with a checkpoint to go on from"
   end subroutine help_text
 
   !> The keys of a group
