@@ -94,13 +94,6 @@ function(gimp_add_suite room name test suffix precision)
   set_tests_properties(${test} PROPERTIES LABELS unit)
 endfunction()
 
-# How programs that run on several ranks are started: `-n N program`. The environment is for Open MPI (4, then 5): more ranks than
-# cores, root in containers, ranks that wait leave their core to others; other libraries do not read it
-set(GIMP_MPIRUN ${MPIEXEC_EXECUTABLE} ${MPIEXEC_PREFLAGS} ${MPIEXEC_NUMPROC_FLAG})
-set(GIMP_RANK_ENVIRONMENT OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
-  OMPI_MCA_rmaps_base_oversubscribe=1 OMPI_MCA_mpi_yield_when_idle=1 OMPI_MCA_hwloc_base_binding_policy=none
-  PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe PRTE_MCA_hwloc_default_binding_policy=none)
-
 # gimp_add_rank_test(ROOM test_name RANKS n... [USES room...]): a suite that ends with end_ranks. It runs as ROOM.test_name.serial and, with
 # each way of working together that is built, as ROOM.test_name.mpi.n and ROOM.test_name.coarray.n
 function(gimp_add_rank_test room name)
