@@ -15,19 +15,24 @@
 !> (h/c) sqrt(2 xi (1 - xi)); with musl it is always stable.
 !>
 !> Two ways to lambda: `gershgorin` (rigorous, two sweeps over the particles, pessimistic) and `lanczos` (measured to about a
-!> per cent from below, some twenty sweeps). A sweep walks weight lists and is rare. Blocks whose coordinates agree modulo 3
-!> share no node: they are worked on at once, colour after colour, so that every sum has one order on any number of threads.
+!> per cent from below, some twenty sweeps). A sweep walks weight lists and is rare. Blocks collect in pads, which nodes add in a
+!> fixed order as in a step: every sum has one order on any number of threads and ranks. The pads of the step are put aside meanwhile.
 module gimp_stability
   use gimp_kinds, only: wp, dp, lanes
-  use gimp_accumulator, only: block_sum
-  use gimp_grid, only: nodes_per_block, has_images
-  use gimp_blocks, only: neighbour
+  use gimp_over_ranks, only: sum_of, largest_reals
+  use gimp_grid, only: nodes_per_block, nf => fields_per_node, has_images
+  use gimp_blocks, only: neighbour, few_blocks
   use gimp_basis, only: weight_list_t
   use gimp_particle_list, only: particle_list
-  use gimp_engine, only: engine_t
+  use gimp_engine, only: engine_t, pad_edge
+  use gimp_aside, only: aside_t, put_aside, bring_back
+  use gimp_pads, only: sum_pads, add_spills
+  use gimp_list_kernel, only: wide_nodes, wide_place, unload_wide, order_spill
+  use gimp_particle_pass, only: allot_spills, tell_signs, complete_pads
   use gimp_chunk_state, only: chunk_deformation, chunk_history
   use gimp_material, only: most_states
   use gimp_walls, only: walls_t, constrain
+  use omp_lib, only: omp_get_thread_num
   implicit none(type, external)
   private
   public :: critical_step, check_none, check_gershgorin, check_lanczos, check_of_word, check_word, strains_plain, strains_after_kick, &
@@ -65,9 +70,9 @@ contains
     word = trim(words(check))
   end function check_word
 
-  !> The critical step of the present state [s]; huge if nothing limits it
+  !> The critical step of the present state [s]; huge if nothing limits it. The engine is left as it was. Collective
   subroutine critical_step(engine, walls, held, cutoff, check, strains, factor, dt)
-    type(engine_t), intent(in) :: engine
+    type(engine_t), intent(inout) :: engine
     type(walls_t), intent(in) :: walls
     logical, intent(in) :: held(:) !! (slot) some node of it is held by a side
     real(wp), intent(in) :: cutoff !! nodes with less mass are left out [kg]
@@ -76,7 +81,9 @@ contains
     real(wp), intent(in) :: factor !! on lambda
     real(dp), intent(out) :: dt
     type(frozen_t) :: frozen
+    type(aside_t) :: aside
     real(dp) :: lambda
+    call put_aside(engine, aside)
     call freeze(engine, cutoff, held, frozen)
     if (check == check_gershgorin) then
       call bound_rows(engine, frozen, lambda)
@@ -84,6 +91,7 @@ contains
     else
       call iterate(engine, walls, frozen, strains, lambda)
     end if
+    call bring_back(engine, aside)
     lambda = lambda*factor
     dt = huge(1.0_dp)
     if (lambda > 0.0_dp) dt = 2.0_dp*engine%grid%spacing/sqrt(lambda)
@@ -91,7 +99,7 @@ contains
 
   !> Stiffness of the particles and masses of the nodes
   subroutine freeze(engine, cutoff, held, frozen)
-    type(engine_t), intent(in) :: engine
+    type(engine_t), intent(inout) :: engine
     real(wp), intent(in) :: cutoff
     logical, intent(in) :: held(:)
     type(frozen_t), intent(out) :: frozen
@@ -125,21 +133,30 @@ contains
   !> Block Gershgorin: |K_ij| <= sum_p m c^2 |G_i||G_j|, so lambda <= max_i (1/m_i) sum_j |K_ij| and, scaled by the masses,
   !> <= max_i m_i^-1/2 sum_j |K_ij| m_j^-1/2, which light nodes spoil less. The smaller of the two.
   subroutine bound_rows(engine, frozen, lambda)
-    type(engine_t), intent(in) :: engine
+    type(engine_t), intent(inout) :: engine
     type(frozen_t), intent(in) :: frozen
     real(dp), intent(out) :: lambda !! bound of the eigenvalues of M^-1 K, times the squared spacing [m2/s2]
     real(wp), allocatable :: root(:, :, :), row(:, :, :)
+    real(dp) :: largest(2)
+    integer :: s
     allocate (root(1, nodes_per_block, engine%table%slots), row(2, nodes_per_block, engine%table%slots))
     root(1, :, :) = sqrt(frozen%per_mass)
     call share(engine, .false., root)
     call sweep(engine, frozen, give_rows, root, row)
     call fold(engine, .false., row)
-    lambda = min(maxval(row(1, :, :)*frozen%per_mass), maxval(row(2, :, :)*root(1, :, :)))
+    largest = 0.0_dp
+    do s = 1, engine%table%slots
+      if (.not. engine%table%booked(s)) cycle ! nodes of the others need not be complete here
+      largest(1) = max(largest(1), real(maxval(row(1, :, s)*frozen%per_mass(:, s)), dp))
+      largest(2) = max(largest(2), real(maxval(row(2, :, s)*root(1, :, s)), dp))
+    end do
+    call largest_reals(largest)
+    lambda = minval(largest)
   end subroutine bound_rows
 
   !> Lanczos iteration on W M^-1 K, which is symmetric in the product x.K y (Parlett 1998, ch. 13)
   subroutine iterate(engine, walls, frozen, strains, lambda)
-    type(engine_t), intent(in) :: engine
+    type(engine_t), intent(inout) :: engine
     type(walls_t), intent(in) :: walls
     type(frozen_t), intent(in) :: frozen
     integer, intent(in) :: strains
@@ -157,17 +174,17 @@ contains
     call respond(kq, next) ! into the range of the operator
     call stiffen(next, knext)
     beta = 0.0_dp
-    beta(0) = sqrt(max(0.0_dp, product_of(next, knext)))
+    beta(0) = sqrt(max(0.0_dp, product_of(engine, next, knext)))
     if (.not. beta(0) > 0.0_dp) return
     do k = 1, most_lanczos
       q = real(1.0_dp/beta(k - 1), wp)*next
       kq = real(1.0_dp/beta(k - 1), wp)*knext
       call respond(kq, next)
-      alpha(k) = product_of(next, kq)
+      alpha(k) = product_of(engine, next, kq)
       next = next - real(alpha(k), wp)*q
       if (k > 1) next = next - real(beta(k - 1), wp)*before
       call stiffen(next, knext)
-      beta(k) = sqrt(max(0.0_dp, product_of(next, knext)))
+      beta(k) = sqrt(max(0.0_dp, product_of(engine, next, knext)))
       last = lambda
       lambda = largest_eigenvalue(alpha(:k), beta(1:k - 1))
       if (.not. beta(k) > 1.0e-6_dp*lambda) exit ! the vectors span all there is
@@ -256,17 +273,19 @@ contains
     end do
   end subroutine start_vector
 
-  !> Sum of x y over all nodes, slot by slot
-  real(dp) function product_of(x, y)
+  !> Sum of x y over all nodes, slot by slot. Collective
+  real(dp) function product_of(engine, x, y)
+    type(engine_t), intent(in) :: engine
     real(wp), intent(in) :: x(:, :, :), y(:, :, :)
     real(dp) :: part(size(x, 3))
     integer :: s
     !$omp parallel do schedule(static)
     do s = 1, size(x, 3)
-      part(s) = sum(real(x(:, :, s), dp)*y(:, :, s))
+      part(s) = 0.0_dp
+      if (engine%table%booked(s)) part(s) = sum(real(x(:, :, s), dp)*y(:, :, s))
     end do
     !$omp end parallel do
-    product_of = block_sum(part)
+    product_of = sum_of(part)
   end function product_of
 
   !> Coordinates of a node
@@ -332,49 +351,61 @@ contains
     end do
   end subroutine share
 
-  !> Every particle gives to the nodes of its weight list; images are not folded yet
+  !> Every particle gives to the nodes of its weight list; images are not folded yet. Collective
   subroutine sweep(engine, frozen, what, from, to)
-    type(engine_t), intent(in) :: engine
+    type(engine_t), intent(inout) :: engine
     type(frozen_t), intent(in) :: frozen
     integer, intent(in) :: what !! give_*
     real(wp), intent(in) :: from(:, :, :) !! what the particles take first
     real(wp), intent(inout) :: to(:, :, :)
-    integer :: b, colour
-    to = 0.0_wp
-    do colour = 0, 3**engine%grid%dim - 1
-      !$omp parallel do schedule(dynamic, 1)
-      do b = 1, engine%table%blocks
-        if (colour_of(engine%table%block_at(:, b)) == colour) call sweep_block(engine, frozen, what, b, from, to)
-      end do
-      !$omp end parallel do
+    real(wp), allocatable :: wide(:, :), raw(:, :, :)
+    logical :: whole(engine%table%blocks + engine%table%ghosts)
+    integer :: b, slot
+    call allot_spills(engine)
+    !$omp parallel private(wide)
+    allocate (wide(nf, wide_nodes(engine%grid%dim)), source=0.0_wp)
+    !$omp do schedule(dynamic, 1)
+    do b = 1, engine%table%blocks
+      call sweep_block(engine, frozen, what, b, from, wide)
+      engine%pad(:, :, b) = 0.0_wp
+      call unload_wide(engine%grid, engine%table, b, pad_edge(engine%grid%dim, engine%basis), wide, engine%pad(:, :, b), &
+                       engine%spilled(1 + omp_get_thread_num()))
     end do
-
-  contains
-
-    pure integer function colour_of(at)
-      integer, intent(in) :: at(3)
-      colour_of = modulo(at(1), 3) + 3*modulo(at(2), 3) + 9*modulo(at(3), 3)
-    end function colour_of
-
+    !$omp end do
+    !$omp end parallel
+    call order_spill(engine%spilled, engine%spill)
+    call tell_signs(engine)
+    call complete_pads(engine, .true.)
+    whole = .true.
+    allocate (raw(nf, nodes_per_block, engine%table%slots))
+    !$omp parallel do schedule(static) if(engine%table%slots > few_blocks)
+    do slot = 1, engine%table%slots
+      call sum_pads(engine, slot, raw(:, :, slot), whole)
+    end do
+    !$omp end parallel do
+    call add_spills(engine, engine%table%slots, raw)
+    to = raw(:size(to, 1), :, :)
   end subroutine sweep
 
-  subroutine sweep_block(engine, frozen, what, b, from, to)
+  !> What the particles of a block give, by their nodes around the block
+  subroutine sweep_block(engine, frozen, what, b, from, wide)
     type(engine_t), intent(in) :: engine
     type(frozen_t), intent(in) :: frozen
     integer, intent(in) :: what, b
     real(wp), intent(in) :: from(:, :, :)
-    real(wp), intent(inout) :: to(:, :, :)
+    real(wp), intent(inout) :: wide(:, :)
     type(weight_list_t) :: list
-    integer, allocatable :: slot(:), place(:)
+    integer, allocatable :: slot(:), place(:), at(:)
     integer :: g, c, l, i, d, off(3)
     d = engine%grid%dim
-    allocate (slot(size(list%s)), place(size(list%s)))
+    allocate (slot(size(list%s)), place(size(list%s)), at(size(list%s)))
     do g = engine%particles%block_group(b), engine%particles%block_group(b + 1) - 1
       do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
         do l = 1, lanes
           if (engine%particles%id(l, c) == 0) cycle
           call particle_list(engine, engine%table%block_at(:, b), c, l, list)
           do i = 1, list%n
+            at(i) = wide_place(engine%grid, list%node(:, i))
             off = (list%node(:, i) - modulo(list%node(:, i), engine%grid%edge))/engine%grid%edge
             slot(i) = engine%table%slot_near(neighbour(off(1), off(2), off(3)), b)
             off = list%node(:, i) - off*engine%grid%edge
@@ -383,16 +414,15 @@ contains
           select case (what)
           case (give_mass)
             do i = 1, list%n
-              to(1, place(i), slot(i)) = to(1, place(i), slot(i)) &
-                + list%s(i)*engine%particles%p(l, engine%particles%mass%first, c)
+              wide(1, at(i)) = wide(1, at(i)) + list%s(i)*engine%particles%p(l, engine%particles%mass%first, c)
             end do
           case (give_stiffness)
             call give_force(d, frozen%stiffness(l, c), frozen%bulk(engine%particles%groups(g)%material), list, slot, place, &
-                            from, to)
+                            from, at, wide)
           case (give_smoothing)
-            call give_value(engine%particles%p(l, engine%particles%mass%first, c), list, slot, place, from, to)
+            call give_value(engine%particles%p(l, engine%particles%mass%first, c), list, slot, place, from, at, wide)
           case (give_rows)
-            call give_row(frozen%stiffness(l, c), list, slot, place, from, to)
+            call give_row(frozen%stiffness(l, c), list, slot, place, from, at, wide)
           end select
         end do
       end do
@@ -400,12 +430,12 @@ contains
   end subroutine sweep_block
 
   !> f_i += k [lambda' tr(L) I + mu' (L + L^T)] G_i, L = sum_j u_j (x) G_j
-  pure subroutine give_force(d, k, bulk, list, slot, place, u, f)
-    integer, intent(in) :: d, slot(:), place(:)
+  pure subroutine give_force(d, k, bulk, list, slot, place, u, at, f)
+    integer, intent(in) :: d, slot(:), place(:), at(:) !! slots and places to take from, places around the block to give to
     real(wp), intent(in) :: k, bulk !! m c^2, lambda'
     type(weight_list_t), intent(in) :: list
     real(wp), intent(in) :: u(:, :, :)
-    real(wp), intent(inout) :: f(:, :, :)
+    real(wp), intent(inout) :: f(:, :)
     real(wp) :: grad(3, 3), stress(3, 3), shear
     integer :: i, j
     grad = 0.0_wp
@@ -421,18 +451,18 @@ contains
     end do
     do i = 1, list%n
       do j = 1, d
-        f(:d, place(i), slot(i)) = f(:d, place(i), slot(i)) + stress(:d, j)*list%g(j, i)
+        f(:d, at(i)) = f(:d, at(i)) + stress(:d, j)*list%g(j, i)
       end do
     end do
   end subroutine give_force
 
   !> f_i += m S_i sum_j S_j u_j
-  pure subroutine give_value(mass, list, slot, place, u, f)
+  pure subroutine give_value(mass, list, slot, place, u, at, f)
     real(wp), intent(in) :: mass
     type(weight_list_t), intent(in) :: list
-    integer, intent(in) :: slot(:), place(:)
+    integer, intent(in) :: slot(:), place(:), at(:)
     real(wp), intent(in) :: u(:, :, :)
-    real(wp), intent(inout) :: f(:, :, :)
+    real(wp), intent(inout) :: f(:, :)
     real(wp) :: v(3)
     integer :: i
     v = 0.0_wp
@@ -440,17 +470,17 @@ contains
       v = v + list%s(i)*u(:, place(i), slot(i))
     end do
     do i = 1, list%n
-      f(:, place(i), slot(i)) = f(:, place(i), slot(i)) + mass*list%s(i)*v
+      f(:3, at(i)) = f(:3, at(i)) + mass*list%s(i)*v
     end do
   end subroutine give_value
 
   !> row_i += k |G_i| sum_j |G_j|, and the same with |G_j| m_j^-1/2
-  pure subroutine give_row(k, list, slot, place, root, row)
+  pure subroutine give_row(k, list, slot, place, root, at, row)
     real(wp), intent(in) :: k
     type(weight_list_t), intent(in) :: list
-    integer, intent(in) :: slot(:), place(:)
+    integer, intent(in) :: slot(:), place(:), at(:)
     real(wp), intent(in) :: root(:, :, :) !! m^-1/2
-    real(wp), intent(inout) :: row(:, :, :)
+    real(wp), intent(inout) :: row(:, :)
     real(wp) :: length(list%n), total(2)
     integer :: i
     total = 0.0_wp
@@ -459,7 +489,7 @@ contains
       total = total + length(i)*[1.0_wp, root(1, place(i), slot(i))]
     end do
     do i = 1, list%n
-      row(:, place(i), slot(i)) = row(:, place(i), slot(i)) + k*length(i)*total
+      row(:2, at(i)) = row(:2, at(i)) + k*length(i)*total
     end do
   end subroutine give_row
 

@@ -1,11 +1,12 @@
 !> Stress for the eye: mapped to the nodes and back (Andersen & Andersen 2010), sigma_i = sum m S sigma/m_i, then sum S sigma_i at
 !> the particles. A run does not feel it: pads, nodal values and books are as before.
 module gimp_smoothed_stress
-  use gimp_kinds, only: wp, dp, lanes
+  use gimp_kinds, only: wp, lanes
   use gimp_grid, only: grid_t, nodes_per_block, nf => fields_per_node, node_mass, has_images
   use gimp_blocks, only: few_blocks
   use gimp_images, only: image_t, fold_images, copy_images
-  use gimp_engine, only: engine_t, pass_t, spill_t
+  use gimp_engine, only: engine_t, pass_t
+  use gimp_aside, only: aside_t, put_aside, bring_back
   use gimp_pads, only: sum_pads, add_spills
   use gimp_particle_pass, only: particle_pass
   implicit none(type, external)
@@ -18,35 +19,18 @@ contains
   subroutine smooth_stress(engine, smoothed)
     type(engine_t), intent(inout) :: engine
     real(wp), allocatable, intent(out) :: smoothed(:, :, :) !! (lane, component, chunk)
-    real(wp), pointer, contiguous :: pad(:, :, :), g(:, :, :)
-    logical, allocatable :: drifted(:), restless(:)
-    real(dp), allocatable :: sums(:, :)
-    real(wp), allocatable :: peaks(:, :)
-    integer, allocatable :: fate(:, :)
-    type(spill_t) :: spill
-    pad => engine%pad
+    real(wp), pointer, contiguous :: g(:, :, :)
+    type(aside_t) :: aside
+    call put_aside(engine, aside)
     g => engine%g
-    allocate (drifted, source=engine%drifted)
-    allocate (restless, source=engine%restless)
-    allocate (sums, source=engine%sums)
-    allocate (peaks, source=engine%peaks)
-    allocate (fate, source=engine%fate)
-    spill = engine%spill
-    allocate (engine%pad(nf, size(pad, 2), size(pad, 3)), source=0.0_wp)
     allocate (engine%g(nf, nodes_per_block, engine%table%slots))
     allocate (engine%smoothed(lanes, 6, engine%particles%chunks), source=0.0_wp)
     call particle_pass(engine, pass_t(stress_give=.true., old_weights=.true.))
     call mean_of_nodes(engine)
     call particle_pass(engine, pass_t(stress_take=.true.))
-    deallocate (engine%pad, engine%g)
-    engine%pad => pad
+    deallocate (engine%g)
     engine%g => g
-    engine%drifted = drifted
-    engine%restless = restless
-    engine%sums = sums
-    engine%peaks = peaks
-    engine%fate = fate
-    engine%spill = spill
+    call bring_back(engine, aside)
     call move_alloc(engine%smoothed, smoothed)
   end subroutine smooth_stress
 

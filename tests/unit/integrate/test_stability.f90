@@ -55,7 +55,7 @@ contains
 
   !> critical_step of a sorted engine without sides
   real(wp) function found(engine, which, strains)
-    type(engine_t), intent(in) :: engine
+    type(engine_t), intent(inout) :: engine
     integer, intent(in) :: which, strains
     type(walls_t) :: free
     logical :: held(engine%table%slots)
