@@ -28,6 +28,7 @@ module gimp_stability
   use gimp_aside, only: aside_t, put_aside, bring_back
   use gimp_pads, only: sum_pads, add_spills
   use gimp_list_kernel, only: wide_nodes, wide_place, unload_wide, order_spill
+  use gimp_borders, only: send_pads
   use gimp_particle_pass, only: allot_spills, tell_signs, complete_pads
   use gimp_chunk_state, only: chunk_deformation, chunk_history
   use gimp_material, only: most_states
@@ -375,6 +376,7 @@ contains
     !$omp end parallel
     call order_spill(engine%spilled, engine%spill)
     call tell_signs(engine)
+    call send_pads(engine, .true.)
     call complete_pads(engine, .true.)
     whole = .true.
     allocate (raw(nf, nodes_per_block, engine%table%slots))

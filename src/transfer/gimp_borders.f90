@@ -15,11 +15,11 @@ module gimp_borders
   use gimp_ranks, only: this_rank, ranks, exchange_words, open_channel, close_channel, start_exchange, finish_exchange
   use gimp_cuts, only: rank_of_key, is_mine
   use gimp_border, only: border_t, parts_t
-  use gimp_engine, only: engine_t, spill_t, pad_edge, drift, make_room
+  use gimp_engine, only: engine_t, spill_t, pad_edge, drift, make_room, order_blocks
   use, intrinsic :: iso_c_binding, only: c_loc, c_f_pointer
   implicit none(type, external)
   private
-  public :: build_tables, exchange_pads, exchange_entries, widen_border
+  public :: build_tables, send_pads, receive_pads, exchange_pads, exchange_entries, widen_border
 
   integer, parameter :: reach = 2 !! blocks: pads of blocks farther apart have no node in common
   integer, parameter :: entry_words = 3 + nf !! of what goes beyond pads: slot, block, place, values
@@ -455,15 +455,29 @@ contains
     node_words = real_bytes*nf/8*nodes
   end function node_words
 
-  !> Ghosts get their pads. Collective
-  subroutine exchange_pads(engine, all_of_them)
+  !> Pads of blocks at the border set out for the ranks that want them. Collective
+  subroutine send_pads(engine, all_of_them)
     type(engine_t), intent(inout) :: engine
     logical, intent(in) :: all_of_them !! the outermost nodes of pads are in use, whatever `drifted` says
     if (ranks == 1) return
     call pack_pads(engine, all_of_them)
     call start_exchange(engine%border%channel)
+  end subroutine send_pads
+
+  !> Ghosts get their pads. Collective
+  subroutine receive_pads(engine)
+    type(engine_t), intent(inout) :: engine
+    if (ranks == 1) return
     call finish_exchange(engine%border%channel)
     call unpack_pads(engine)
+  end subroutine receive_pads
+
+  !> Both at once
+  subroutine exchange_pads(engine, all_of_them)
+    type(engine_t), intent(inout) :: engine
+    logical, intent(in) :: all_of_them
+    call send_pads(engine, all_of_them)
+    call receive_pads(engine)
   end subroutine exchange_pads
 
   !> The part of a pad that is in use: without drift its outermost nodes are not
@@ -559,6 +573,7 @@ contains
     type(engine_t), intent(inout) :: engine
     if (ranks == 1 .or. engine%border%whole) return
     call lay_channel(engine, .true.)
+    call order_blocks(engine)
   end subroutine widen_border
 
   ! ------------------------------------------------------------------------------------------------ what goes beyond pads

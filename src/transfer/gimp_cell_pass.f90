@@ -9,6 +9,7 @@ module gimp_cell_pass
   use gimp_cells, only: give_to_cells, sum_cells, stress_values
   use gimp_particle_pass, only: particle_pass, allot_spills, tell_signs, complete_pads
   use gimp_list_kernel, only: order_spill
+  use gimp_borders, only: send_pads
   implicit none(type, external)
   private
   public :: evens_strain, evens_stress, rates_to_cells, stress_to_cells
@@ -38,20 +39,21 @@ contains
   !> Volumes and stresses at the present positions, for the force that comes next; pads are used up
   subroutine stress_to_cells(engine)
     type(engine_t), intent(inout) :: engine
-    integer :: b, t
+    integer :: i, t
     call allot_spills(engine)
-    call offer_tasks(engine)
-    !$omp parallel private(b, t) if(engine%particles%chunks > few_chunks)
+    call offer_tasks(engine, 1, engine%table%blocks)
+    !$omp parallel private(i, t) if(engine%particles%chunks > few_chunks)
     do
       call take_task(engine, t)
       if (t == 0) exit
-      do b = engine%task(t), engine%task(t + 1) - 1
-        call stress_of_block(engine, b)
+      do i = engine%task(t), engine%task(t + 1) - 1
+        call stress_of_block(engine, engine%order(i))
       end do
     end do
     !$omp end parallel
     call order_spill(engine%spilled, engine%spill)
     call tell_signs(engine)
+    call send_pads(engine, .true.)
     call complete_pads(engine, .true.)
     call sum_cells(engine)
   end subroutine stress_to_cells

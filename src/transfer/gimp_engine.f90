@@ -16,7 +16,7 @@ module gimp_engine
   private
   public :: anti_none, anti_f_bar, anti_b_bar, anti_cell_stress
   public :: engine_bytes, affine_none, affine_apic, affine_tpic, affine_mls
-  public :: offer_tasks, take_task
+  public :: offer_tasks, take_task, order_blocks
   public :: engine_t, law_t, pass_t, spill_t, body_force_t, pad_nodes, pad_edge, drift, work_of_pad
   public :: allot_grid, borrow_pads, make_room, pad_bytes, grid_bytes
   public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, sum_detached, sum_handed, sum_handed_impulse, n_sums
@@ -146,7 +146,9 @@ module gimp_engine
     real(wp), allocatable :: cell_sum(:, :, :) !! (number, cell of block, slot) of what particles gave to their cells
     real(wp), allocatable :: smoothed(:, :, :) !! (lane, component, chunk) stress averaged at the nodes, while a frame is made [Pa]
     logical, allocatable :: drifted(:) !! (block) the outer layer of its pad is in use
-    integer, allocatable :: task(:) !! (tasks + 1) first block of each task of a pass
+    integer, allocatable :: order(:) !! blocks in the order of work: first those whose pads go to other ranks
+    integer :: at_border = 0 !! how many these are
+    integer, allocatable :: task(:) !! (tasks + 1) where each task of a pass begins in `order`
     integer, allocatable :: taken(:, :) !! (apart, thread) tasks of its share that are taken
     type(spill_t) :: spill
     type(spill_t), allocatable :: spilled(:) !! (thread) as blocks leave it, before it is brought into order
@@ -241,12 +243,25 @@ contains
     engine%spill%n = 0
     if (.not. allocated(engine%spill%slot)) call make_room(engine%spill, 64)
     if (allocated(engine%taken)) deallocate (engine%taken)
-    call cut_tasks(engine%particles, engine%table%blocks, tasks_per_thread*omp_get_max_threads(), engine%task)
+    call order_blocks(engine)
   end subroutine allot_grid
 
-  !> All tasks are open again; each thread has an equal share of them to itself
-  pure subroutine offer_tasks(engine)
+  !> Blocks whose pads go to other ranks are worked on first, so that messages travel while the others are
+  pure subroutine order_blocks(engine)
     type(engine_t), intent(inout) :: engine
+    logical :: sends(engine%table%blocks)
+    integer :: b
+    sends = .false.
+    if (allocated(engine%border%give%block)) sends(engine%border%give%block) = .true.
+    engine%order = [pack([(b, b=1, engine%table%blocks)], sends), pack([(b, b=1, engine%table%blocks)], .not. sends)]
+    engine%at_border = count(sends)
+  end subroutine order_blocks
+
+  !> Tasks for the blocks from `first` to `last` in their order of work; each thread has an equal share of them to itself
+  subroutine offer_tasks(engine, first, last)
+    type(engine_t), intent(inout) :: engine
+    integer, intent(in) :: first, last
+    call cut_tasks(engine%particles, engine%order, first, last, tasks_per_thread*omp_get_max_threads(), engine%task)
     if (.not. allocated(engine%taken)) allocate (engine%taken(apart, tasks_of(engine)/tasks_per_thread))
     engine%taken = 0
   end subroutine offer_tasks
@@ -274,29 +289,41 @@ contains
     tasks_of = size(engine%task) - 1
   end function tasks_of
 
-  !> Cut the blocks into consecutive tasks of about equal work, counted in chunks; the pads of a block cost like a few chunks
-  pure subroutine cut_tasks(particles, blocks, tasks, task)
+  !> Cut consecutive blocks of the order into tasks of about equal work, counted in chunks; the pads of a block cost like a few chunks
+  pure subroutine cut_tasks(particles, order, first, last, tasks, task)
     type(particles_t), intent(in) :: particles
-    integer, intent(in) :: blocks, tasks
-    integer, allocatable, intent(out) :: task(:) !! (tasks + 1) first block of each
+    integer, intent(in) :: order(:), first, last, tasks
+    integer, allocatable, intent(inout) :: task(:) !! (tasks + 1) where each begins in the order
     integer(i8) :: done, all_work
-    integer :: b, k
-    allocate (task(tasks + 1))
-    all_work = particles%chunks + int(work_of_pad, i8)*blocks
+    integer :: i, k
+    if (allocated(task)) then
+      if (size(task) /= tasks + 1) deallocate (task)
+    end if
+    if (.not. allocated(task)) allocate (task(tasks + 1))
+    all_work = 0
+    do i = first, last
+      all_work = all_work + work_of(order(i))
+    end do
     done = 0
     k = 1
-    task(1) = 1
-    do b = 1, blocks
+    task(1) = first
+    do i = first, last
       do while (k < tasks .and. done*tasks >= k*all_work)
         k = k + 1
-        task(k) = b
+        task(k) = i
       end do
-      done = done + work_of_pad
-      associate (first => particles%block_group(b), last => particles%block_group(b + 1) - 1)
-        done = done + particles%groups(last)%last - particles%groups(first)%first + 1
-      end associate
+      done = done + work_of(order(i))
     end do
-    task(k + 1:) = blocks + 1
+    task(k + 1:) = last + 1
+
+  contains
+
+    pure integer function work_of(b)
+      integer, intent(in) :: b
+      work_of = work_of_pad + particles%groups(particles%block_group(b + 1) - 1)%last &
+                - particles%groups(particles%block_group(b))%first + 1
+    end function work_of
+
   end subroutine cut_tasks
 
   !> Room for so many entries of the spill list; those there are kept
