@@ -11,6 +11,7 @@ module gimp_report
   use gimp_engine, only: engine_bytes
   use gimp_particles, only: live_bytes, field_t
   use gimp_summary, only: put_summary
+  use gimp_ranks_report, only: together_t, together_words, write_together
   use gimp_checkpoint, only: newest_path
   use gimp_verification, only: error_scale, error_scale_text, solution_name
   use gimp_measures, only: state_hash
@@ -49,6 +50,7 @@ module gimp_report
     real(dp) :: dt_min = huge(1.0_dp), dt_max = 0.0_dp !! [s]
     integer(i8) :: limited(n_limits) = 0 !! steps by limit
     integer :: threads = 1
+    integer(i8) :: steps_before = 0 !! of runs that this one continues
   end type costs_t
 
   !> What all ranks hold together
@@ -263,8 +265,9 @@ contains
   end subroutine end_progress
 
   !> Speed with error: the table every run ends with
-  subroutine print_closing(s, whole, recorder, costs, status)
+  subroutine print_closing(s, whole, together, recorder, costs, status)
     type(stepper_t), intent(in) :: s
+    type(together_t), intent(in) :: together
     type(whole_t), intent(in) :: whole
     type(recorder_t), intent(in) :: recorder
     type(costs_t), intent(in) :: costs
@@ -297,6 +300,7 @@ contains
     call line("  seconds            "//text_of(costs%stepping, 3)//" stepping (particles "//text_of(nint(particles)) &
               //" %, grid "//text_of(nint(grid))//" %, sort "//text_of(nint(sorting))//" %), " &
               //text_of(costs%output, 3)//" output, "//text_of(costs%setup, 3)//" set-up")
+    if (ranks > 1) call line(together_words(together, costs%stepping, s%step - costs%steps_before))
     call line("  energy_residual    "//text_of(energy_residual(s%books), 3)//"   (books; round-off is right)")
     call line("  energy_drift       "//text_of(energy_drift(s%books), 3) &
               //"   (kinetic + stored + dissipated - work, of the largest energy exchanged)")
@@ -360,8 +364,9 @@ contains
   end function worker_words
 
   !> The closing table as attributes of /summary
-  subroutine write_closing(build, s, whole, recorder, costs, status, error)
+  subroutine write_closing(build, s, whole, together, recorder, costs, status, error)
     type(build_t), intent(in) :: build
+    type(together_t), intent(in) :: together
     type(stepper_t), intent(in) :: s
     type(whole_t), intent(in) :: whole
     type(recorder_t), intent(inout) :: recorder
@@ -387,6 +392,7 @@ contains
     call number("particle_steps_per_core_second", rate/(ranks*costs%threads))
     call number("bytes_per_particle", real(whole%bytes, dp)/max(1_i8, whole%particles))
     call number("state_bytes_per_particle", real(live_bytes(s%engine%particles), dp))
+    call write_together(recorder%output, together, error)
     call number("dt_min", min(costs%dt_min, costs%dt_max))
     call number("dt_max", costs%dt_max)
     if (s%time_options%check /= check_none) then

@@ -17,6 +17,7 @@ module gimp_run
   use gimp_populate, only: population_t, count_particles, populate
   use gimp_recorder, only: recorder_t, open_recorder, record_frame, record_row, close_recorder, record_failure, next_frame_time, &
     continue_record
+  use gimp_ranks_report, only: together_t, measure_together
   use gimp_report, only: build_t, progress_t, costs_t, whole_t, measure_whole, hash_text, print_header, start_progress, &
     show_progress, end_progress, print_closing, write_closing, print_going_on, tell_checkpoint
   use gimp_signals, only: wish_here, forget_checkpoint, wish_words, wish_none, wish_checkpoint, wish_walltime, stops
@@ -79,6 +80,7 @@ contains
     call start_walltime(run%clock, run%restart%max_seconds, stepper_bytes(run%stepper))
     call check_walltime(run, error)
     call share_error(error)
+    run%costs%steps_before = run%stepper%step
     run%costs%setup = seconds_now() - start
   end subroutine prepare
 
@@ -145,6 +147,7 @@ contains
     type(progress_t) :: progress
     type(error_t), allocatable :: ignored
     type(whole_t) :: whole
+    type(together_t) :: together
     character(len=:), allocatable :: status
     real(dp) :: start
     failed = .false.
@@ -168,19 +171,20 @@ contains
     call end_progress(progress)
     call measure_whole(run%stepper, whole)
     whole%hash = hash_text(run%stepper)
+    call measure_together(run%stepper, together)
     if (allocated(error)) then
       call record_failure(run%recorder, run%stepper, error%message, ignored)
       run%has_failed_state = .not. any_rank(allocated(ignored))
-      call write_closing(build, run%stepper, whole, run%recorder, run%costs, "failed", ignored)
+      call write_closing(build, run%stepper, whole, together, run%recorder, run%costs, "failed", ignored)
       call close_recorder(run%recorder, ignored)
       return
     end if
-    call write_closing(build, run%stepper, whole, run%recorder, run%costs, status, error)
+    call write_closing(build, run%stepper, whole, together, run%recorder, run%costs, status, error)
     call share_error(error)
     if (.not. allocated(error)) call close_recorder(run%recorder, error)
     call share_error(error)
     if (allocated(error)) return
-    call print_closing(run%stepper, whole, run%recorder, run%costs, status)
+    call print_closing(run%stepper, whole, together, run%recorder, run%costs, status)
     if (stops(run%stopped_by)) call print_going_on(run%restart%name, wish_words(run%stopped_by))
     failed = .false.
   end subroutine run_scene
@@ -214,8 +218,7 @@ contains
         start = seconds_now()
         until = next_frame_time(run%recorder, end) - s%time
         if (until <= 0.0_dp) until = end - s%time
-        call plan_step(s, until, error)
-        call share_error(error)
+        call plan_step(s, until, error) ! by numbers that all ranks have: all of them fail or none
         if (allocated(error)) return
         call take_step(s, error)
         wish = wish_now(run)

@@ -10,7 +10,7 @@ module gimp_file_system
   use gimp_text, only: text_of
   implicit none(type, external)
   private
-  public :: file_exists, folder_writable, folder_of, rename_file, delete_file
+  public :: peak_memory, file_exists, folder_writable, folder_of, rename_file, delete_file
   public :: raw_file_t, create_raw_file, open_raw_file, file_bytes, write_at, read_at, resize_raw_file, sync_raw_file, close_raw_file
 
   !> An open file, without any buffer of ours or of the runtime
@@ -173,6 +173,24 @@ contains
     end if
     file%descriptor = c_fileno(file%stream)
   end subroutine open_raw_file
+
+  !> Most memory that this process has held so far [bytes]; 0 where the system does not tell (Linux does)
+  integer(i8) function peak_memory() result(bytes)
+    character(len=80) :: text
+    integer :: unit, status
+    bytes = 0
+    open (newunit=unit, file="/proc/self/status", action="read", status="old", iostat=status)
+    if (status /= 0) return
+    do
+      read (unit, "(a)", iostat=status) text
+      if (status /= 0) exit
+      if (text(:6) /= "VmHWM:") cycle
+      read (text(7:), *, iostat=status) bytes
+      bytes = 1024*bytes
+      exit
+    end do
+    close (unit)
+  end function peak_memory
 
   !> Length of a file in bytes, -1 when it is not there
   integer(i8) function file_bytes(path)
