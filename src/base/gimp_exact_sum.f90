@@ -8,7 +8,7 @@ module gimp_exact_sum
   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
   implicit none(type, external)
   private
-  public :: words_of_sum, wide_sum_t, add_exactly, pack_sum, merge_sums, value_of_sum
+  public :: words_of_sum, wide_sum_t, add_exactly, pack_sum, merge_sums, value_of_sum, pack_largest, packed_largest
 
   integer, parameter :: kept = 4 !! bins
   integer, parameter :: words_of_sum = kept + 1 !! number of the highest bin, then the bins from there down
@@ -16,6 +16,7 @@ module gimp_exact_sum
   integer, parameter :: lowest = 1074 !! 2^-lowest is the unit of bin 0
   integer(i8), parameter :: empty = -1 !! highest bin of a sum without terms
   integer(i8), parameter :: broken = bins + kept !! the same once a term was no finite number
+  integer(i8), parameter :: largest = -2 !! marks a number of which the largest is wanted
   integer(i8), parameter :: digit = int(z"FFFFFFFF", i8)
 
   !> A sum under way in one thread
@@ -67,13 +68,32 @@ contains
     end do
   end function pack_sum
 
-  !> sums <- sums + more
+  !> A number that travels among sums, though not its sum but the largest of all is wanted
+  pure function pack_largest(number) result(words)
+    integer(i8), intent(in) :: number
+    integer(i8) :: words(words_of_sum)
+    words = 0
+    words(1) = largest
+    words(2) = number
+  end function pack_largest
+
+  !> That number
+  pure integer(i8) function packed_largest(words)
+    integer(i8), intent(in) :: words(words_of_sum)
+    packed_largest = words(2)
+  end function packed_largest
+
+  !> sums <- sums + more; of numbers packed with `pack_largest` the larger one
   pure subroutine merge_sums(sums, more)
     integer(i8), intent(inout) :: sums(:, :) !! (word, sum)
     integer(i8), intent(in) :: more(:, :)
     integer(i8) :: top, mine(kept), other(kept)
     integer :: k
     do k = 1, size(sums, 2)
+      if (sums(1, k) == largest) then
+        sums(2, k) = max(sums(2, k), more(2, k))
+        cycle
+      end if
       top = max(sums(1, k), more(1, k))
       mine = lowered(sums(:, k), top)
       other = lowered(more(:, k), top)

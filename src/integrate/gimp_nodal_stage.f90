@@ -75,9 +75,11 @@ contains
       if (loaded) s%books%impulse = s%books%impulse + kick*sum_of_loads(s%loads)
       if (loaded) s%books%work_external = s%books%work_external + work_of_loads(s%loads, engine, table%slots, engine%g, kick, 0.5_wp)
     end associate
-    call sum_slots(s, part, sums)
-    sums(book_given) = sums(book_given) + s%sums(sum_affine) ! not a field of the nodes
-    call book_stage(s%books, stage, kick, 1.0_dp - flip_now(s), sums)
+    if (stage /= stage_project) then ! which is not booked
+      call sum_slots(s, part, sums)
+      sums(book_given) = sums(book_given) + s%sums(sum_affine) ! not a field of the nodes
+      call book_stage(s%books, stage, kick, 1.0_dp - flip_now(s), sums)
+    end if
     if (has_images(s%engine%grid) .and. (stage == stage_full .or. stage == stage_kick)) call book_images(s, kick)
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
 

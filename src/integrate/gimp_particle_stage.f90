@@ -5,7 +5,7 @@ module gimp_particle_stage
   use gimp_text, only: text_of
   use gimp_timer, only: seconds_now
   use gimp_ranks, only: this_rank, ranks
-  use gimp_over_ranks, only: sum_columns, sum_counts, largest_count, share_text
+  use gimp_over_ranks, only: sum_counts, largest_count, share_text
   use gimp_basis, only: basis_ddmp
   use gimp_engine, only: pass_t, sum_external, sum_plastic, sum_clamped, sum_wide, sum_detached, sum_impulse, sum_handed, sum_handed_impulse, peak_rate, peak_speed, peak_strain, &
     fate_fine, fate_inverted, fate_outside, fate_jumped, sign_failed, sign_inside, sign_restless, sign_spills
@@ -80,7 +80,7 @@ contains
       if (pass%force) s%rate = sqrt(engine%told(peak_rate))
       if (pass%momentum) s%speed = sqrt(engine%told(peak_speed))
       if (pass%strain) s%strain_rate = sqrt(engine%told(peak_strain))
-      call sum_columns(engine%sums, s%sums)
+      s%sums = engine%all_sums
       s%books%plastic = s%books%plastic + s%sums(sum_plastic)
       if (.not. pass%own_kick) then ! such passes tell powers, which their integrator books
         s%books%work_external = s%books%work_external + s%sums(sum_external)

@@ -3,7 +3,7 @@
 module gimp_over_ranks
   use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t, raise
-  use gimp_exact_sum, only: words_of_sum, wide_sum_t, add_exactly, pack_sum, merge_sums, value_of_sum
+  use gimp_exact_sum, only: words_of_sum, wide_sum_t, add_exactly, pack_sum, merge_sums, value_of_sum, pack_largest, packed_largest
   use gimp_ranks, only: this_rank, ranks, share_words, sum_words, largest_words, reduce_sums
   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_value, ieee_quiet_nan
   use omp_lib, only: omp_get_max_threads
@@ -15,10 +15,12 @@ module gimp_over_ranks
 
 contains
 
-  !> Sums of all columns (of blocks, say) of all ranks, with the same bits in any order. Collective
-  subroutine sum_columns(values, sums)
+  !> Sums of all columns (of blocks, say) of all ranks, with the same bits in any order, and on the same way the largest of other
+  !> values. Collective
+  subroutine sum_columns(values, sums, largest)
     real(dp), intent(in), contiguous :: values(:, :) !! (quantity, column)
     real(dp), intent(out) :: sums(:) !! (quantity)
+    real(dp), intent(inout), optional :: largest(:)
     integer(i8) :: words(words_of_sum, size(sums)), part(words_of_sum, size(sums))
     integer :: k, p, parts
     parts = merge(omp_get_max_threads(), 1, size(values, 2) > few)
@@ -32,11 +34,33 @@ contains
       !$omp end critical (merge_parts)
     end do
     !$omp end parallel do
-    if (ranks > 1) call reduce_sums(words)
+    if (ranks > 1) call reduce(words, largest)
     do k = 1, size(sums)
       sums(k) = value_of_sum(words(:, k))
     end do
   end subroutine sum_columns
+
+  !> Merge exact sums and largest values of all ranks in one message
+  subroutine reduce(words, largest)
+    integer(i8), intent(inout) :: words(:, :) !! (words of a sum, sum)
+    real(dp), intent(inout), optional :: largest(:)
+    integer(i8), allocatable :: all(:, :)
+    integer :: k, n, m
+    n = size(words, 2)
+    m = 0
+    if (present(largest)) m = size(largest)
+    allocate (all(words_of_sum, n + m))
+    all(:, :n) = words
+    if (m > 0) call plain_nan(largest)
+    do k = 1, m
+      all(:, n + k) = pack_largest(in_order(transfer(largest(k), 0_i8)))
+    end do
+    call reduce_sums(all)
+    words = all(:, :n)
+    do k = 1, m
+      largest(k) = transfer(in_order(packed_largest(all(:, n + k))), largest(k))
+    end do
+  end subroutine reduce
 
   !> Exact sums of some columns
   pure function columns_between(values, first, last) result(words)
@@ -91,11 +115,17 @@ contains
     real(dp), intent(inout) :: values(:)
     integer(i8) :: words(size(values))
     if (ranks == 1) return
-    where (ieee_is_nan(values)) values = ieee_value(values, ieee_quiet_nan) ! without the sign that processors give theirs
+    call plain_nan(values)
     words = in_order(transfer(values, words))
     call largest_words(words)
     values = transfer(in_order(words), values)
   end subroutine largest_reals
+
+  !> What is not a number loses the sign that processors give it, which would decide whether it is the largest
+  subroutine plain_nan(values)
+    real(dp), intent(inout) :: values(:)
+    where (ieee_is_nan(values)) values = ieee_value(values, ieee_quiet_nan)
+  end subroutine plain_nan
 
   !> Smallest values over all ranks; one that is not a number is the smallest of all. Collective
   subroutine smallest_reals(values)

@@ -158,6 +158,7 @@ module gimp_engine
     logical, allocatable :: restless(:) !! (block) a particle nears the end of the pad: sort soon
     real(wp) :: allowed_low(3) = -huge(1.0_wp), allowed_high(3) = huge(1.0_wp) !! particles must stay between [cells]
     type(border_t) :: border !! what this rank knows of others
+    real(dp) :: all_sums(n_sums) = 0.0_dp !! of `sums` over all blocks of all ranks, after a pass
     real(dp) :: told(n_signs) = 0.0_dp !! by the last pass, of all ranks: largest of the peaks, then signs
     type(storage_t), private :: pad_store, grid_store
   end type engine_t
