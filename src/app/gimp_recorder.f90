@@ -1,9 +1,11 @@
-!> What a run leaves behind: frames, history, summary, and the state of a run that failed
+!> What a run leaves behind: frames, history, summary, and the state of a run that failed. All ranks call it together
 module gimp_recorder
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
   use gimp_parcel, only: parcel_t, carry, carry_bits
+  use gimp_ranks, only: this_rank
+  use gimp_over_ranks, only: sum_counts, share_text, share_error
   use gimp_file_system, only: delete_file, file_bytes
   use gimp_scene, only: scene_t, echo_scene, real_of, reals_of, integer_of, logical_of, word_of, text_of_key, texts_of, is_given
   use gimp_output_file, only: output_file_t, open_output, close_output, carry_output, sync_output, reopen_output, sign_output
@@ -14,10 +16,10 @@ module gimp_recorder
   use gimp_summary, only: write_scene, put_summary
   use gimp_particle_file, only: particle_table_t, write_particle_file
   use gimp_verification, only: verification_t, error_scale
-  use gimp_measures, only: totals_t, errors_t, measure_totals, measure_errors, measure_probes, probe_values, nearest_particle, chunk_position, &
-    chunk_stress, chunk_deformation
+  use gimp_measures, only: totals_t, errors_t, measure_totals, measure_errors, measure_probes, probe_values, nearest_particle, &
+    chunk_position, chunk_stress, chunk_deformation
   use gimp_smoothed_stress, only: smooth_stress
-  use gimp_snapshot, only: rank_particles, sample_positions, sample_field, field_components
+  use gimp_snapshot, only: order_t, order_particles, bring_in_order, sample_positions, sample_field, field_components
   use gimp_books, only: energy_residual, energy_drift, stress_update_error
   use gimp_run_state, only: stepper_t
   implicit none(type, external)
@@ -69,13 +71,13 @@ contains
     call open_output(recorder%path, logical_of(scene, "output", 1, "overwrite"), recorder%output, error)
     if (allocated(error)) return
     recorder%lineage = longer_lineage("", 0_i8)
+    call share_text(0, recorder%lineage)
     call sign_output(recorder%output, recorder%lineage, error)
     if (allocated(error)) return
     call echo_scene(scene, complete)
     if (logical_of(scene, "output", 1, "overwrite")) then ! what is left of a run that is replaced would mislead
-      call delete_file(recorder%name//".failed.h5", error)
-      if (.not. allocated(error)) call delete_file(newest_path(recorder%name), error)
-      if (.not. allocated(error)) call delete_file(older_path(recorder%name), error)
+      if (this_rank == 0) call delete_leftovers(recorder%name, error)
+      call share_error(error)
       if (allocated(error)) return
     end if
     call write_scene(recorder%output, scene%original, complete, error)
@@ -92,6 +94,15 @@ contains
     if (allocated(error)) return
     call put_summary(recorder%output, "status", "running", error)
   end subroutine open_recorder
+
+  !> Failed state and checkpoints of a run that is replaced
+  subroutine delete_leftovers(name, error)
+    character(len=*), intent(in) :: name
+    type(error_t), allocatable, intent(out) :: error
+    call delete_file(name//".failed.h5", error)
+    if (.not. allocated(error)) call delete_file(newest_path(name), error)
+    if (.not. allocated(error)) call delete_file(older_path(name), error)
+  end subroutine delete_leftovers
 
   !> What the scene says about the output
   subroutine describe_recorder(scene, solution, body_first, recorder)
@@ -143,8 +154,11 @@ contains
     call name_columns(s%engine%grid%dim, recorder)
     parcel%sound = recorder%columns == recorder%history%columns
     if (.not. recorder%has_csv) return
-    if (file_bytes(csv_path(recorder)) < recorder%history%csv_bytes) &
-      call raise(error, csv_path(recorder)//" is missing or shorter than it was; it must be there to be continued")
+    if (this_rank == 0) then
+      if (file_bytes(csv_path(recorder)) < recorder%history%csv_bytes) &
+        call raise(error, csv_path(recorder)//" is missing or shorter than it was; it must be there to be continued")
+    end if
+    call share_error(error)
   end subroutine unpack_record
 
   !> The list of what is kept of a recorder
@@ -185,9 +199,12 @@ contains
     character(len=*), intent(in) :: lineage !! of the checkpoint
     type(error_t), allocatable, intent(out) :: error
     recorder%lineage = longer_lineage(lineage, step)
+    call share_text(0, recorder%lineage)
     call reopen_output(recorder%path, recorder%lineage, recorder%output, error)
     if (.not. allocated(error) .and. recorder%has_csv) call reopen_csv(recorder%history, csv_path(recorder), error)
-    if (.not. allocated(error)) call delete_file(recorder%name//".failed.h5", error) ! of a failure after the checkpoint
+    if (allocated(error)) return
+    if (this_rank == 0) call delete_file(recorder%name//".failed.h5", error) ! of a failure after the checkpoint
+    call share_error(error)
   end subroutine continue_record
 
   subroutine choose_probes(scene, s, recorder)
@@ -300,7 +317,7 @@ contains
       row(17:19) = t%momentum
       row(20:22) = t%angular_momentum
       row(23:25) = b%reaction
-      row(26:31) = [t%mass, real(s%engine%particles%n, dp), t%speed, real(b%cut_nodes, dp), real(b%clamped, dp), &
+      row(26:31) = [t%mass, real(sum_counts(s%engine%particles%n), dp), t%speed, real(b%cut_nodes, dp), real(b%clamped, dp), &
                     real(b%wide_chunks, dp)]
     end associate
     n = 31
@@ -329,28 +346,26 @@ contains
     type(recorder_t), intent(inout) :: recorder
     type(stepper_t), intent(inout) :: s
     type(error_t), allocatable, intent(out) :: error
-    integer(i8), allocatable :: rank(:, :)
+    type(order_t) :: order
     real(dp), allocatable :: values(:, :)
     real(wp), allocatable :: smoothed(:, :, :) ! not present below unless made
     integer :: k
     if (recorder%frame_time == s%time) return
-    call rank_particles(s%engine, rank)
-    allocate (values(3, s%engine%particles%n))
-    call sample_positions(s%engine, rank, values)
-    call begin_frame(recorder%output, recorder%frames, values, error)
+    call order_particles(s%engine, order)
+    allocate (values(3, order%listed))
+    call sample_positions(s%engine, order%slot, values)
+    call bring_in_order(order, values)
+    call begin_frame(recorder%output, recorder%frames, values, error, order%slab%before, order%slab%n)
     do k = 1, size(recorder%fields)
       if (allocated(error)) return
       if (recorder%fields(k) == "error" .and. .not. recorder%has_solution) cycle
       if (recorder%fields(k) == "smoothed_stress") call smooth_stress(s%engine, smoothed)
       deallocate (values)
-      allocate (values(field_components(trim(recorder%fields(k))), s%engine%particles%n))
-      call sample_field(s%engine, trim(recorder%fields(k)), rank, recorder%body_first, recorder%solution, s%time, &
+      allocate (values(field_components(trim(recorder%fields(k))), order%listed))
+      call sample_field(s%engine, trim(recorder%fields(k)), order%slot, recorder%body_first, recorder%solution, s%time, &
                         values, smoothed)
-      if (size(values, 1) == 1) then
-        call add_field(recorder%output, recorder%frames, trim(recorder%fields(k)), values(1, :), error)
-      else
-        call add_field(recorder%output, recorder%frames, trim(recorder%fields(k)), values, error)
-      end if
+      call bring_in_order(order, values)
+      call add_field(recorder%output, recorder%frames, trim(recorder%fields(k)), values, error)
     end do
     if (.not. allocated(error)) call commit_history(recorder%output, recorder%history, error)
     if (.not. allocated(error)) call end_frame(recorder%output, recorder%frames, s%time, error)
@@ -375,13 +390,13 @@ contains
     type(error_t), allocatable, intent(out) :: error
     type(particle_table_t) :: table
     type(error_t), allocatable :: ignored
-    integer(i8), allocatable :: rank(:, :)
+    type(order_t) :: order
     real(dp) :: x(lanes, 3)
     real(wp) :: f(lanes, 9), sigma(lanes, 6), j(lanes)
     integer :: g, c, l, d, i, k
     d = s%engine%grid%dim
-    call rank_particles(s%engine, rank)
-    table%n = s%engine%particles%n
+    call order_particles(s%engine, order)
+    table%n = order%listed
     table%dimension = d
     allocate (table%position(d, table%n), table%velocity(d, table%n), table%volume(table%n), table%mass(table%n), &
               table%deformation_gradient(d*d, table%n), table%stress(6, table%n), table%id(table%n))
@@ -392,8 +407,8 @@ contains
           call chunk_deformation(p, c, f)
           call chunk_stress(s%engine, p%groups(g), c, sigma, j)
           do l = 1, lanes
-            if (rank(l, c) == 0) cycle
-            associate (q => rank(l, c))
+            if (order%slot(l, c) == 0) cycle
+            associate (q => order%slot(l, c))
               table%position(:, q) = x(l, :d)
               table%velocity(:, q) = p%p(l, p%velocity%first:p%velocity%first + d - 1, c)
               table%mass(q) = p%p(l, p%mass%first, c)

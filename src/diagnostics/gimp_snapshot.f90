@@ -1,6 +1,11 @@
-!> Fields of all particles in the order of their numbers, as frames show them
+!> Fields of all particles in the order of their numbers, as frames show them.
+!>
+!> With several ranks each samples its own particles, and what it sampled is brought to slabs of that order, one to a rank.
 module gimp_snapshot
   use gimp_kinds, only: wp, dp, i8, lanes
+  use gimp_ranks, only: ranks
+  use gimp_over_ranks, only: sum_counts, largest_count
+  use gimp_slabs, only: slab_t, slab_of, delivery_t, plan_delivery, bring_to_slab, close_gaps
   use gimp_material, only: most_states
   use gimp_particles, only: few_chunks
   use gimp_engine, only: engine_t
@@ -9,10 +14,19 @@ module gimp_snapshot
   use gimp_measures, only: chunk_deformation, chunk_history, chunk_position, chunk_reference, chunk_stress
   implicit none(type, external)
   private
-  public :: field_components, field_words, needs_reference, rank_particles, sample_positions, sample_field
+  public :: field_components, field_words, needs_reference, sample_positions, sample_field
+  public :: order_t, order_particles, bring_in_order
 
   character(len=*), parameter :: field_words = "displacement velocity stress smoothed_stress deformation_gradient pressure von_mises " &
     //"equivalent_plastic_strain volume mass density id material body jacobian half_length error reference_position"
+
+  !> The order of numbers, and how particles get there
+  type :: order_t
+    type(slab_t) :: slab !! of all particles, in the order of numbers
+    integer(i8) :: listed = 0 !! particles that this rank samples
+    integer(i8), allocatable :: slot(:, :) !! (lane, chunk) where to put what is sampled, 0 for spare lanes
+    type(delivery_t), private :: delivery
+  end type order_t
 
 contains
 
@@ -35,50 +49,84 @@ contains
     needs_reference = name == "displacement" .or. name == "error" .or. name == "reference_position"
   end function needs_reference
 
-  !> Place of every lane in the order of numbers, 0 for spare lanes
-  subroutine rank_particles(engine, rank)
+  !> Put the particles of all ranks in the order of their numbers. Collective
+  subroutine order_particles(engine, order)
     type(engine_t), intent(in) :: engine
-    integer(i8), allocatable, intent(out) :: rank(:, :) !! (lane, chunk)
-    integer(i8), allocatable :: place(:)
-    integer(i8) :: k, n
-    integer :: c, l
-    n = 0
-    if (engine%particles%chunks > 0) n = maxval(engine%particles%id)
-    allocate (rank(lanes, engine%particles%chunks))
-    if (engine%particles%n == n) then ! nobody is gone: the place is the number
-      !$omp parallel do schedule(static) if(engine%particles%chunks > few_chunks)
-      do c = 1, engine%particles%chunks
-        rank(:, c) = engine%particles%id(:, c)
-      end do
-      !$omp end parallel do
-      return
+    type(order_t), intent(out) :: order
+    integer(i8), allocatable :: place(:, :)
+    integer(i8) :: largest
+    largest = 0
+    if (engine%particles%chunks > 0) largest = maxval(engine%particles%id)
+    largest = largest_count(largest)
+    order%slab = slab_of(sum_counts(engine%particles%n))
+    order%listed = engine%particles%n
+    allocate (order%slot(lanes, engine%particles%chunks))
+    if (order%slab%n == largest) then ! nobody is gone: the place is the number
+      call copy_numbers(engine, order%slot)
+    else if (ranks == 1) then
+      call count_numbers(engine, largest, order%slot)
+    else
+      call copy_numbers(engine, order%slot)
+      place = order%slot
+      call close_gaps(largest, place, order%slot)
     end if
-    allocate (place(n), source=0_i8)
+    if (ranks == 1) return
+    place = order%slot
+    call plan_delivery(order%slab, place, order%delivery, order%slot)
+  end subroutine order_particles
+
+  !> Bring what was sampled to the slabs, where it is in the order of numbers. Collective
+  subroutine bring_in_order(order, values)
+    type(order_t), intent(in) :: order
+    real(dp), allocatable, intent(inout) :: values(:, :) !! in: (component, listed) as sampled; out: (component, slab%mine)
+    if (ranks > 1) call bring_to_slab(order%delivery, values)
+  end subroutine bring_in_order
+
+  subroutine copy_numbers(engine, place)
+    type(engine_t), intent(in) :: engine
+    integer(i8), intent(out) :: place(:, :)
+    integer :: c
+    !$omp parallel do schedule(static) if(engine%particles%chunks > few_chunks)
+    do c = 1, engine%particles%chunks
+      place(:, c) = engine%particles%id(:, c)
+    end do
+    !$omp end parallel do
+  end subroutine copy_numbers
+
+  !> Places where some numbers are missing, all particles being here
+  subroutine count_numbers(engine, largest, place)
+    type(engine_t), intent(in) :: engine
+    integer(i8), intent(in) :: largest !! number
+    integer(i8), intent(out) :: place(:, :)
+    integer(i8), allocatable :: upto(:)
+    integer(i8) :: k
+    integer :: c, l
+    allocate (upto(largest), source=0_i8)
     !$omp parallel do schedule(static) private(l) if(engine%particles%chunks > few_chunks)
     do c = 1, engine%particles%chunks
       do l = 1, lanes
-        if (engine%particles%id(l, c) > 0) place(engine%particles%id(l, c)) = 1
+        if (engine%particles%id(l, c) > 0) upto(engine%particles%id(l, c)) = 1
       end do
     end do
     !$omp end parallel do
-    do k = 2, n
-      place(k) = place(k) + place(k - 1)
+    do k = 2, largest
+      upto(k) = upto(k) + upto(k - 1)
     end do
     !$omp parallel do schedule(static) private(l) if(engine%particles%chunks > few_chunks)
     do c = 1, engine%particles%chunks
       do l = 1, lanes
-        rank(l, c) = 0
-        if (engine%particles%id(l, c) > 0) rank(l, c) = place(engine%particles%id(l, c))
+        place(l, c) = 0
+        if (engine%particles%id(l, c) > 0) place(l, c) = upto(engine%particles%id(l, c))
       end do
     end do
     !$omp end parallel do
-  end subroutine rank_particles
+  end subroutine count_numbers
 
   !> Positions in metres, three components
-  subroutine sample_positions(engine, rank, x)
+  subroutine sample_positions(engine, slot, x)
     type(engine_t), intent(in) :: engine
-    integer(i8), intent(in) :: rank(:, :)
-    real(dp), intent(out) :: x(:, :) !! (3, n)
+    integer(i8), intent(in) :: slot(:, :) !! (lane, chunk) of `order_t`
+    real(dp), intent(out) :: x(:, :) !! (3, listed)
     real(dp) :: here(lanes, 3)
     integer :: g, c, l
     !$omp parallel do schedule(dynamic, 16) private(c, l, here) if(engine%particles%chunks > few_chunks)
@@ -86,7 +134,7 @@ contains
       do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
         call chunk_position(engine, engine%particles%groups(g), c, here)
         do l = 1, lanes
-          if (rank(l, c) > 0) x(:, rank(l, c)) = here(l, :)
+          if (slot(l, c) > 0) x(:, slot(l, c)) = here(l, :)
         end do
       end do
     end do
@@ -94,14 +142,14 @@ contains
   end subroutine sample_positions
 
   !> One field by name
-  subroutine sample_field(engine, name, rank, body_first, solution, time, values, smoothed)
+  subroutine sample_field(engine, name, slot, body_first, solution, time, values, smoothed)
     type(engine_t), intent(in) :: engine
     character(len=*), intent(in) :: name
-    integer(i8), intent(in) :: rank(:, :)
+    integer(i8), intent(in) :: slot(:, :) !! (lane, chunk) of `order_t`
     integer(i8), intent(in) :: body_first(:) !! first number of each body, ascending
     type(verification_t), intent(in) :: solution !! used by the field "error" only
     real(dp), intent(in) :: time !! [s]
-    real(dp), intent(out) :: values(:, :) !! (components, n)
+    real(dp), intent(out) :: values(:, :) !! (components, listed)
     real(wp), intent(in), optional :: smoothed(:, :, :) !! (lane, component, chunk), for the field of that name
     real(dp) :: chunk(lanes, 9)
     integer :: g, c, l, n
@@ -111,7 +159,7 @@ contains
       do c = engine%particles%groups(g)%first, engine%particles%groups(g)%last
         call sample_chunk(engine, name, g, c, body_first, solution, time, chunk, smoothed)
         do l = 1, lanes
-          if (rank(l, c) > 0) values(:, rank(l, c)) = chunk(l, :n)
+          if (slot(l, c) > 0) values(:, slot(l, c)) = chunk(l, :n)
         end do
       end do
     end do

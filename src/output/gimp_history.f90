@@ -1,12 +1,14 @@
 !> The history of a run: one table in `/history`, a dataset per column, and the same as a CSV file on request.
 !>
 !> Rows gather in memory and are committed with `commit_history`, or by themselves when many have gathered. The attribute `rows`
-!> of `/history` is their committed number; columns never differ in length.
+!> of `/history` is their committed number; columns never differ in length. All ranks know the same rows; rank 0 writes the CSV file.
 module gimp_history
   use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
   use gimp_parcel, only: parcel_t, carry
+  use gimp_ranks, only: this_rank
+  use gimp_over_ranks, only: share_error
   use gimp_file_system, only: raw_file_t, open_raw_file, resize_raw_file, close_raw_file, file_bytes
   use gimp_append_file, only: make_group, make_table, append_rows, set_attribute, stored_real64
   use gimp_output_file, only: output_file_t, commit_output
@@ -24,8 +26,8 @@ module gimp_history
     integer, private :: gathered = 0
     integer, allocatable, private :: table(:)
     real(dp), allocatable, private :: row(:, :) ! (row, column)
-    integer, private :: csv = 0 ! unit, 0 for none
-    character(len=:), allocatable, private :: csv_path
+    integer, private :: csv = 0 ! unit on rank 0, 0 for none
+    character(len=:), allocatable, private :: csv_path ! on all ranks if there is one
     integer(i8) :: csv_bytes = 0 !! length of the CSV file as of the last commit
   end type history_t
 
@@ -58,9 +60,13 @@ contains
       if (.not. allocated(error)) call set_attribute(output%file, "history/"//trim(names(k)), "unit", trim(units(k)), error)
       if (allocated(error)) return
     end do
-    if (present(csv)) call open_csv(history, csv, names, error)
+    if (.not. present(csv)) return
+    if (this_rank == 0) call open_csv(history, csv, names, error)
+    call share_error(error)
+    if (.not. allocated(error)) history%csv_path = csv
   end subroutine open_history
 
+  !> Rank 0 makes the CSV file
   subroutine open_csv(history, path, names, error)
     type(history_t), intent(inout) :: history
     character(len=*), intent(in) :: path, names(:)
@@ -74,7 +80,6 @@ contains
       call raise(error, path//": cannot be created: "//trim(reason))
       return
     end if
-    history%csv_path = path
     write (history%csv, "(*(a))", iostat=status, iomsg=reason) (trim(names(k)), trim(merge(", ", "  ", k < size(names))), &
       k=1, size(names))
     if (status == 0) flush (history%csv, iostat=status, iomsg=reason)
@@ -111,7 +116,10 @@ contains
     end do
     call set_attribute(output%file, "history", "rows", history%rows, error)
     if (.not. allocated(error)) call commit_output(output, error)
-    if (.not. allocated(error) .and. history%csv /= 0) call write_csv(history, error)
+    if (.not. allocated(error) .and. allocated(history%csv_path)) then
+      if (this_rank == 0) call write_csv(history, error)
+      call share_error(error)
+    end if
     if (.not. allocated(error)) history%gathered = 0
   end subroutine commit_history
 
@@ -142,15 +150,21 @@ contains
     type(output_file_t), intent(inout) :: output
     type(history_t), intent(inout) :: history
     type(error_t), allocatable, intent(out) :: error
+    type(error_t), allocatable :: problem
     integer :: status
     call commit_history(output, history, error)
-    if (history%csv == 0) return
-    close (history%csv, iostat=status)
+    if (.not. allocated(history%csv_path)) return
+    status = 0
+    if (history%csv /= 0) close (history%csv, iostat=status)
     history%csv = 0
-    if (status /= 0 .and. .not. allocated(error)) call raise(error, history%csv_path//": closing failed; is the disk full?")
+    if (status /= 0) call raise(problem, history%csv_path//": closing failed; is the disk full?")
+    call share_error(problem)
+    if (allocated(problem) .and. .not. allocated(error)) call move_alloc(problem, error)
+    deallocate (history%csv_path)
   end subroutine close_history
 
-  !> Pack or unpack what is known of a history without gathered rows; the CSV file has to be opened by `reopen_csv`
+  !> Pack or unpack what is known of a history without gathered rows; the CSV file has to be opened by `reopen_csv`. Only rank 0
+  !> knows the length of the CSV file: what it packs counts
   subroutine carry_history(history, parcel)
     type(history_t), intent(inout) :: history
     type(parcel_t), intent(inout) :: parcel
@@ -171,6 +185,15 @@ contains
     type(history_t), intent(inout) :: history
     character(len=*), intent(in) :: path
     type(error_t), allocatable, intent(out) :: error
+    if (this_rank == 0) call cut_csv(history, path, error)
+    call share_error(error)
+    if (.not. allocated(error)) history%csv_path = path
+  end subroutine reopen_csv
+
+  subroutine cut_csv(history, path, error)
+    type(history_t), intent(inout) :: history
+    character(len=*), intent(in) :: path
+    type(error_t), allocatable, intent(out) :: error
     type(raw_file_t) :: raw
     character(len=200) :: reason
     integer :: status
@@ -180,10 +203,9 @@ contains
     if (allocated(error)) return
     reason = ""
     open (newunit=history%csv, file=path, status="old", position="append", action="write", iostat=status, iomsg=reason)
-    history%csv_path = path
     if (status == 0) return
     history%csv = 0
     call raise(error, path//": cannot be continued: "//trim(reason))
-  end subroutine reopen_csv
+  end subroutine cut_csv
 
 end module gimp_history

@@ -1,6 +1,7 @@
 !> The one file a run leaves behind, NAME.vtkhdf: frames, history, scene and summary share it.
 !>
-!> It only grows, and its last commit stays readable after a kill or on a full disk: see `gimp_append_file`.
+!> All ranks have it open and make the same calls: whatever is here and in the modules that write into it is collective. It only
+!> grows, and its last commit stays readable after a kill or on a full disk: see `gimp_append_file`.
 module gimp_output_file
   use gimp_error, only: error_t
   use gimp_append_file, only: append_file_t, create_append_file, commit_append_file, close_append_file, &
@@ -50,7 +51,7 @@ contains
 
   !> Wait until all that was written so far is on the device
   subroutine sync_output(output, error)
-    type(output_file_t), intent(in) :: output
+    type(output_file_t), intent(inout) :: output
     type(error_t), allocatable, intent(out) :: error
     call sync_append_file(output%file, error)
   end subroutine sync_output

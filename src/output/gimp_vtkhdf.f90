@@ -4,14 +4,18 @@
 !> stand one after another and `Steps/PointOffsets` says where a frame begins. Each particle is a vertex cell, so that filters
 !> which work on cells (threshold) apply. What these cells need, 0, 1, 2, ..., is the same in every frame: frames with the same
 !> number of particles share it, and it costs nothing after the first frame.
+!>
+!> Each rank gives a slab of the points and the same slab of every field.
 module gimp_vtkhdf
   use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
   use gimp_parcel, only: parcel_t, carry_bits
-  use gimp_append_file, only: make_group, make_table, append_rows, table_rows, set_attribute, stored_real32, stored_real64, &
+  use gimp_append_file, only: make_group, make_table, append_rows, append_slab, table_rows, set_attribute, stored_real32, stored_real64, &
     stored_int64
   use gimp_output_file, only: output_file_t, commit_output
+  use gimp_ranks, only: ranks
+  use gimp_slabs, only: slab_t, slab_of
   implicit none(type, external)
   private
   public :: frames_t, open_frames, begin_frame, add_field, end_frame, carry_frames
@@ -41,6 +45,7 @@ module gimp_vtkhdf
     integer(i8), private :: first = 0 ! row of Points where it begins
     integer(i8), private :: first_cell = 0 ! where its cells begin
     integer(i8), private :: parts = 0
+    integer(i8), private :: before = 0, mine = 0 ! particles of the frame under way in the slabs of ranks before, and in this one
   end type frames_t
 
   !> Give the particles of the frame under way a named quantity, in the order of the points.
@@ -124,24 +129,30 @@ contains
   end function cells_of
 
   !> Start a frame with its points; their number may differ from frame to frame
-  subroutine begin_frame(output, frames, x, error)
+  subroutine begin_frame(output, frames, x, error, before, of)
     type(output_file_t), intent(inout) :: output
     type(frames_t), intent(inout) :: frames
-    real(dp), intent(in), contiguous :: x(:, :) !! (3, n) [m]; z = 0 in two dimensions
+    real(dp), intent(in), contiguous :: x(:, :) !! (3, particles of this rank's slab) [m]; z = 0 in two dimensions
     type(error_t), allocatable, intent(out) :: error
-    integer(i8) :: before
+    integer(i8), intent(in), optional :: before !! particles in the slabs of the ranks before; 0 if absent
+    integer(i8), intent(in), optional :: of !! particles of all ranks; if absent this rank has them all
+    integer(i8) :: n_before
     if (frames%in_frame) then
       call raise(error, "a frame was begun before the last one was ended")
       return
     end if
-    if (frames%points == 0) call make_point_tables(output, frames, size(x, 2, kind=i8), error)
+    frames%mine = size(x, 2, kind=i8)
+    frames%before = 0
+    if (present(before)) frames%before = before
+    n_before = frames%n
+    frames%n = frames%mine
+    if (present(of)) frames%n = of
+    if (frames%points == 0) call make_point_tables(output, frames, frames%n, error)
     if (allocated(error)) return
     frames%in_frame = .true.
     frames%first = table_rows(output%file, frames%points)
-    before = frames%n
-    frames%n = size(x, 2, kind=i8)
-    call append_rows(output%file, frames%points, x, error)
-    if (.not. allocated(error) .and. frames%n /= before) call add_part(output, frames, before, error)
+    call append_slab(output%file, frames%points, x, frames%before, frames%n, error)
+    if (.not. allocated(error) .and. frames%n /= n_before) call add_part(output, frames, n_before, error)
   end subroutine begin_frame
 
   !> Cells for a number of particles that the frame before did not have
@@ -174,13 +185,14 @@ contains
     subroutine count_up(table, from, to)
       integer, intent(in) :: table
       integer(i8), intent(in) :: from, to
-      integer(i8), parameter :: at_once = 65536
-      integer(i8) :: i, next, last
+      integer(i8), parameter :: at_once = 65536 ! of each rank
+      type(slab_t) :: slab
+      integer(i8) :: i, next
       next = from
       do while (next <= to .and. .not. allocated(error))
-        last = min(to, next + at_once - 1)
-        call append_rows(output%file, table, [(i, i=next, last)], error)
-        next = last + 1
+        slab = slab_of(min(to - next + 1, ranks*at_once))
+        call append_slab(output%file, table, [(next + slab%before + i, i=0, slab%mine - 1)], slab%before, slab%n, error)
+        next = next + slab%n
       end do
     end subroutine count_up
   end subroutine add_part
@@ -189,33 +201,33 @@ contains
     type(output_file_t), intent(inout) :: output
     type(frames_t), intent(inout) :: frames
     character(len=*), intent(in) :: name
-    real(dp), intent(in), contiguous :: values(:, :) !! (components, n)
+    real(dp), intent(in), contiguous :: values(:, :) !! (components, particles of the slab)
     type(error_t), allocatable, intent(out) :: error
     integer :: table
     call find_field(output, frames, name, frames%stored, size(values, 1), size(values, 2, kind=i8), table, error)
-    if (.not. allocated(error)) call append_rows(output%file, table, values, error)
+    if (.not. allocated(error)) call append_slab(output%file, table, values, frames%before, frames%n, error)
   end subroutine add_vectors
 
   subroutine add_scalars(output, frames, name, values, error)
     type(output_file_t), intent(inout) :: output
     type(frames_t), intent(inout) :: frames
     character(len=*), intent(in) :: name
-    real(dp), intent(in), contiguous :: values(:) !! (n)
+    real(dp), intent(in), contiguous :: values(:) !! (particles of the slab)
     type(error_t), allocatable, intent(out) :: error
     integer :: table
     call find_field(output, frames, name, frames%stored, 1, size(values, kind=i8), table, error)
-    if (.not. allocated(error)) call append_rows(output%file, table, values, error)
+    if (.not. allocated(error)) call append_slab(output%file, table, values, frames%before, frames%n, error)
   end subroutine add_scalars
 
   subroutine add_integers(output, frames, name, values, error)
     type(output_file_t), intent(inout) :: output
     type(frames_t), intent(inout) :: frames
     character(len=*), intent(in) :: name
-    integer(i8), intent(in), contiguous :: values(:) !! (n)
+    integer(i8), intent(in), contiguous :: values(:) !! (particles of the slab)
     type(error_t), allocatable, intent(out) :: error
     integer :: table
     call find_field(output, frames, name, stored_int64, 1, size(values, kind=i8), table, error)
-    if (.not. allocated(error)) call append_rows(output%file, table, values, error)
+    if (.not. allocated(error)) call append_slab(output%file, table, values, frames%before, frames%n, error)
   end subroutine add_integers
 
   !> The table of a field, made in the first frame, checked in all
@@ -231,8 +243,8 @@ contains
     table = 0
     if (.not. frames%in_frame) then
       call raise(error, "field "//name//" was given outside a frame")
-    else if (n /= frames%n) then
-      call raise(error, "field "//name//" has "//text_of(n)//" values for "//text_of(frames%n)//" particles")
+    else if (n /= frames%mine) then
+      call raise(error, "field "//name//" has "//text_of(n)//" values for "//text_of(frames%mine)//" particles")
     else if (scan(name, "/.") > 0 .or. len(name) > len(frames%field_name) .or. len(name) == 0) then
       call raise(error, "field "//name//": a name has 1 to 32 characters, neither / nor .")
     end if
@@ -249,7 +261,7 @@ contains
       call raise(error, "field "//name//" is new; the first frame must have all fields, at most "//text_of(max_fields))
       return
     end if
-    call make_table(output%file, "VTKHDF/PointData/"//name, stored, components, chunk_for(n), table, error)
+    call make_table(output%file, "VTKHDF/PointData/"//name, stored, components, chunk_for(frames%n), table, error)
     if (allocated(error)) return
     frames%fields = k
     frames%field_name(k) = name
@@ -287,6 +299,8 @@ contains
     if (allocated(error)) return
     frames%count = frames%count + 1
     frames%in_frame = .false.
+    frames%before = 0 ! what is kept of frames does not tell how many ranks there were
+    frames%mine = 0
   contains
     subroutine append_one(table, value)
       integer, intent(in) :: table

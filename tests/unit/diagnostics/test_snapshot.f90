@@ -5,7 +5,7 @@ program test_snapshot
   use gimp_engine, only: engine_t
   use gimp_resort, only: sort_particles
   use gimp_verification, only: verification_t
-  use gimp_snapshot, only: field_components, field_words, needs_reference, rank_particles, sample_positions, sample_field
+  use gimp_snapshot, only: field_components, field_words, needs_reference, order_t, order_particles, sample_positions, sample_field
   use gimp_engine_fixture, only: cloud_t, random_cloud, make_engine
   use gimp_text, only: text_of, count_words, nth_word
   use gimp_check, only: begin_suite, end_suite, check, check_true
@@ -38,7 +38,7 @@ contains
     type(engine_t) :: engine
     type(cloud_t) :: cloud
     logical, allocatable :: remove(:, :)
-    integer(i8), allocatable :: rank(:, :)
+    type(order_t) :: order
     integer :: kept(n_kept), i, q, c, l
     real(wp) :: values(9, n_kept), x(3, n_kept), j, tau(lanes, 6), speed2(lanes), f(lanes, 9), state(lanes, 1), high(3)
     real(wp) :: worst(9)
@@ -55,27 +55,27 @@ contains
     end do
     call sort_particles(engine, remove)
     kept = pack([(i, i=1, n)], modulo([(i, i=1, n)], 3) /= 0)
-    call rank_particles(engine, rank)
-    call sample_positions(engine, rank, x)
+    call order_particles(engine, order)
+    call sample_positions(engine, order%slot, x)
     call check(maxval(abs(x(:dim, :) - spacing*cloud%x(:dim, kept))), 0.0_wp, 1.0e-14_wp, "positions in metres")
     if (dim == 2) call check(maxval(abs(x(3, :))), 0.0_wp, 0.0_wp, "in the plane")
     worst = 0.0_wp
-    call sample(engine, rank, "velocity", values)
+    call sample(engine, order%slot, "velocity", values)
     worst(1) = maxval(abs(values(:3, :) - cloud%v(:, kept)))
-    call sample(engine, rank, "deformation_gradient", values)
+    call sample(engine, order%slot, "deformation_gradient", values)
     worst(2) = maxval(abs(values - cloud%f(:, kept)))
-    call sample(engine, rank, "mass", values)
+    call sample(engine, order%slot, "mass", values)
     worst(3) = maxval(abs(values(1, :) - cloud%mass(kept)))
-    call sample(engine, rank, "id", values)
+    call sample(engine, order%slot, "id", values)
     worst(4) = maxval(abs(values(1, :) - kept))
-    call sample(engine, rank, "material", values)
+    call sample(engine, order%slot, "material", values)
     worst(5) = maxval(abs(values(1, :) - cloud%material(kept)))
-    call sample(engine, rank, "body", values)
+    call sample(engine, order%slot, "body", values)
     worst(6) = maxval(abs(values(1, :) - merge(2, 1, kept >= 100)))
-    call sample(engine, rank, "half_length", values)
+    call sample(engine, order%slot, "half_length", values)
     worst(7) = maxval(abs(values(:dim, :) - spacing*cloud%half(:dim, kept)))
     call check(worst(:7), spread(0.0_wp, 1, 7), 1.0e-15_wp, "fields are those of the particles, in the order of numbers")
-    call sample(engine, rank, "stress", values)
+    call sample(engine, order%slot, "stress", values)
     state = 0.0_wp
     do q = 1, size(kept)
       i = kept(q)
@@ -85,25 +85,25 @@ contains
       worst(8) = max(worst(8), maxval(abs(values(:6, q) - tau(1, :)/j)))
     end do
     call check(worst(8), 0.0_wp, 1.0e-11_wp, "stress is Cauchy's")
-    call sample(engine, rank, "density", values)
+    call sample(engine, order%slot, "density", values)
     do q = 1, size(kept)
       i = kept(q)
       worst(9) = max(worst(9), abs(values(1, q)*determinant(cloud%f(:, i))*cloud%volume(i)/cloud%mass(i) - 1.0_wp))
     end do
     call check(worst(9), 0.0_wp, 1.0e-14_wp, "density is mass over present volume")
-    call sample(engine, rank, "displacement", values)
+    call sample(engine, order%slot, "displacement", values)
     call check(maxval(abs(values(:3, :))), 0.0_wp, 1.0e-14_wp, "nothing has moved yet")
 
   end subroutine test_fields
 
-  subroutine sample(engine, rank, name, values)
+  subroutine sample(engine, slot, name, values)
     type(engine_t), intent(in) :: engine
-    integer(i8), intent(in) :: rank(:, :)
+    integer(i8), intent(in) :: slot(:, :)
     character(len=*), intent(in) :: name
     real(wp), intent(out) :: values(:, :)
     type(verification_t) :: none
     values = huge(1.0_wp)
-    call sample_field(engine, name, rank, [1_i8, 100_i8], none, 0.0_wp, values(:field_components(name), :))
+    call sample_field(engine, name, slot, [1_i8, 100_i8], none, 0.0_wp, values(:field_components(name), :))
   end subroutine sample
 
   pure real(wp) function determinant(f)

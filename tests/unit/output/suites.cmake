@@ -5,7 +5,7 @@ gimp_add_unit_test(output test_history USES files)
 if(TARGET gimp_output)
   add_executable(crash_writer unit/output/crash_writer.f90)
   set_target_properties(crash_writer PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${CMAKE_BINARY_DIR}/tests")
-  target_link_libraries(crash_writer PRIVATE gimp_output)
+  target_link_libraries(crash_writer PRIVATE gimp_output gimp_ranks_serial)
   # the runtime's backtrace catches the signal of a file size limit, which stands for a full disk here
   target_compile_options(crash_writer PRIVATE -fno-backtrace)
   add_test(NAME output.kill COMMAND ${CMAKE_COMMAND} -DWRITER=$<TARGET_FILE:crash_writer> -DKILLS=10
