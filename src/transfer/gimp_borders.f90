@@ -107,6 +107,7 @@ contains
     integer, allocatable :: x(:), y(:), z(:)
     integer :: i, j, k, r, step(3)
     n = 0
+    allocate (x(0), y(0), z(0)) ! compilers warn of assignments to what is not allocated
     step = merge(reach, 0, [1, 2, 3] <= grid%dim)
     if (.not. near_images(grid, at)) then
       if (is_mine(cut, block_key(at - step)) .and. is_mine(cut, block_key(at + step))) return ! and all between
@@ -226,6 +227,7 @@ contains
       integer, intent(in) :: at(3), far
       integer, allocatable :: x(:), y(:), z(:)
       integer :: i, j, k, value
+      allocate (x(0), y(0), z(0)) ! compilers warn of assignments to what is not allocated
       x = related_along(grid, 1, [(at(1) + i, i=-far*step(1), far*step(1))])
       y = related_along(grid, 2, [(at(2) + i, i=-far*step(2), far*step(2))])
       z = related_along(grid, 3, [(at(3) + i, i=-far*step(3), far*step(3))])
