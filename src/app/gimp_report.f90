@@ -206,7 +206,7 @@ contains
     character(len=*), intent(in) :: word !! auto, on, off
     type(stepper_t), intent(in) :: s
     progress%terminal = c_isatty(1_c_int) == 1
-    if (word == "on") progress%terminal = .false. ! plain lines wherever the output goes
+    if (word == "on" .or. ranks > 1) progress%terminal = .false. ! plain lines wherever the output goes: launchers show a terminal to ranks that may be a log
     progress%shown = word /= "off"
     progress%start = seconds_now()
     progress%last = progress%start

@@ -30,7 +30,7 @@ module gimp_border
     integer :: repartition = repartition_balanced
     real :: most_imbalance = 1.1 !! largest work of a rank over the mean
     integer(i8) :: repartitions = 0, sorts = 0
-    integer(i8) :: migrated = 0, moved = 0 !! particles that changed their rank at sorts, chunks that were handed over to balance
+    integer(i8) :: migrated = 0 !! particles that changed their rank at sorts, as far as they left this one
     integer(i8) :: migrated_words = 0, moved_words = 0 !! of such messages, sent by this rank
     real :: imbalance = 1.0, worst_imbalance = 1.0 !! after the last sort, and the largest
   end type border_t
