@@ -7,6 +7,7 @@ module gimp_recorder
   use gimp_ranks, only: this_rank
   use gimp_over_ranks, only: sum_counts, share_text, share_error
   use gimp_file_system, only: delete_file, file_bytes
+  use gimp_engine, only: engine_t
   use gimp_scene, only: scene_t, echo_scene, real_of, reals_of, integer_of, logical_of, word_of, text_of_key, texts_of, is_given
   use gimp_output_file, only: output_file_t, open_output, close_output, carry_output, sync_output, reopen_output, sign_output
   use gimp_vtkhdf, only: frames_t, open_frames, begin_frame, add_field, end_frame, carry_frames
@@ -389,32 +390,48 @@ contains
     character(len=*), intent(in) :: reason
     type(error_t), allocatable, intent(out) :: error
     type(particle_table_t) :: table
-    type(error_t), allocatable :: ignored
     type(order_t) :: order
+    real(dp), allocatable :: single(:, :) ! volume, mass, number
+    call order_particles(s%engine, order)
+    call sample_state(s%engine, order, table, single)
+    call bring_in_order(order, table%position)
+    call bring_in_order(order, table%velocity)
+    call bring_in_order(order, table%deformation_gradient)
+    call bring_in_order(order, table%stress)
+    call bring_in_order(order, single)
+    table%n = order%slab%mine
+    table%volume = single(1, :)
+    table%mass = single(2, :)
+    table%id = int(single(3, :), i8)
+    call write_particle_file(recorder%name//".failed.h5", table, error, reason=reason, step=s%step, time=s%time)
+  end subroutine record_failure
+
+  !> State of this rank's particles
+  subroutine sample_state(engine, order, table, single)
+    type(engine_t), intent(in) :: engine
+    type(order_t), intent(in) :: order
+    type(particle_table_t), intent(out) :: table !! what has several components
+    real(dp), allocatable, intent(out) :: single(:, :) !! volume, mass and number
     real(dp) :: x(lanes, 3)
     real(wp) :: f(lanes, 9), sigma(lanes, 6), j(lanes)
     integer :: g, c, l, d, i, k
-    d = s%engine%grid%dim
-    call order_particles(s%engine, order)
-    table%n = order%listed
+    d = engine%grid%dim
     table%dimension = d
-    allocate (table%position(d, table%n), table%velocity(d, table%n), table%volume(table%n), table%mass(table%n), &
-              table%deformation_gradient(d*d, table%n), table%stress(6, table%n), table%id(table%n))
-    associate (p => s%engine%particles)
+    allocate (table%position(d, order%listed), table%velocity(d, order%listed), table%deformation_gradient(d*d, order%listed), &
+              table%stress(6, order%listed), single(3, order%listed))
+    associate (p => engine%particles)
       do g = 1, size(p%groups)
         do c = p%groups(g)%first, p%groups(g)%last
-          call chunk_position(s%engine, p%groups(g), c, x)
+          call chunk_position(engine, p%groups(g), c, x)
           call chunk_deformation(p, c, f)
-          call chunk_stress(s%engine, p%groups(g), c, sigma, j)
+          call chunk_stress(engine, p%groups(g), c, sigma, j)
           do l = 1, lanes
             if (order%slot(l, c) == 0) cycle
             associate (q => order%slot(l, c))
               table%position(:, q) = x(l, :d)
               table%velocity(:, q) = p%p(l, p%velocity%first:p%velocity%first + d - 1, c)
-              table%mass(q) = p%p(l, p%mass%first, c)
-              table%volume(q) = j(l)*p%p(l, p%volume%first, c)
               table%stress(:, q) = sigma(l, :)
-              table%id(q) = p%id(l, c)
+              single(:, q) = [real(dp) :: j(l)*p%p(l, p%volume%first, c), p%p(l, p%mass%first, c), p%id(l, c)]
               do i = 1, d
                 do k = 1, d
                   table%deformation_gradient(d*(i - 1) + k, q) = f(l, 3*(i - 1) + k)
@@ -425,8 +442,6 @@ contains
         end do
       end do
     end associate
-    call write_particle_file(recorder%name//".failed.h5", table, error, reason=reason, step=s%step, time=s%time)
-    if (allocated(error)) call delete_file(recorder%name//".failed.h5.part", ignored)
-  end subroutine record_failure
+  end subroutine sample_state
 
 end module gimp_recorder

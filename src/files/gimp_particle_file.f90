@@ -3,16 +3,17 @@
 !> Datasets (shapes as Python sees them; transposed here): `position` (n, d), `volume` (n), `mass` (n), and optionally
 !> `velocity` (n, d), `deformation_gradient` (n, d*d) row by row, `half_length` (n, d), `stress` (n, 6) in the order xx, yy, zz, xy,
 !> yz, zx, `id` (n), `corner` (n, corners*d) of the domain as meshes number them, one corner after the other. SI units. Any kind of
-!> real number is accepted; writing is in double precision. Each rank reads rows of its own.
+!> real number is accepted; writing is in double precision. Each rank reads and writes rows of its own.
 module gimp_particle_file
   use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t, raise, add_error
   use gimp_text, only: text_of
   use gimp_shares, only: share_t, items_of_share
+  use gimp_ranks, only: this_rank
   use gimp_over_ranks, only: share_error
-  use gimp_file_system, only: rename_file
-  use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, has_dataset, dataset_shape, read_dataset, write_dataset, &
-    write_attribute
+  use gimp_file_system, only: rename_file, delete_file
+  use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, has_dataset, dataset_shape, read_dataset, write_attribute
+  use gimp_shared_hdf5, only: shared_file_t, lay_out, announce_rows, end_layout, write_rows, close_shared, drop_shared
   implicit none(type, external)
   private
   public :: particle_table_t, read_particle_file, write_particle_file
@@ -242,51 +243,83 @@ contains
     is_number = abs(value) <= huge(value)
   end function is_number
 
-  !> Write a particle file: whole or not at all (it gets its name when it is complete).
-  !> The state of a failed run also says why, when and where it failed.
+  !> Write a particle file: whole or not at all (it gets its name when it is complete). The particles of rank 0 come first, then
+  !> those of rank 1, and so on. The state of a failed run also says why, when and where it failed. Collective
   subroutine write_particle_file(path, table, error, reason, step, time)
     character(len=*), intent(in) :: path !! an existing file is replaced
-    type(particle_table_t), intent(in) :: table !! position, volume and mass at least; n and dimension follow from them
+    type(particle_table_t), intent(in) :: table !! of this rank: position, volume and mass at least; n and dimension follow from them
     type(error_t), allocatable, intent(out) :: error
     character(len=*), intent(in), optional :: reason !! attributes of the file
     integer(i8), intent(in), optional :: step
     real(dp), intent(in), optional :: time !! [s]
-    type(hdf5_file_t) :: file
-    type(error_t), allocatable :: fault
-    call open_hdf5(path//".part", "overwrite", file, error)
-    if (allocated(error)) return
-    call write_tables(file, table, error)
-    if (present(reason) .and. .not. allocated(error)) call write_attribute(file, "", "reason", reason, error)
-    if (present(step) .and. .not. allocated(error)) call write_attribute(file, "", "step", step, error)
-    if (present(time) .and. .not. allocated(error)) call write_attribute(file, "", "time", time, error)
-    call close_hdf5(file, fault)
-    if (.not. allocated(error)) call move_alloc(fault, error)
-    if (.not. allocated(error)) call rename_file(path//".part", path, error)
-  end subroutine write_particle_file
-
-  subroutine write_tables(file, table, error)
-    type(hdf5_file_t), intent(in) :: file
-    type(particle_table_t), intent(in) :: table
-    type(error_t), allocatable, intent(out) :: error
+    type(shared_file_t) :: shared
+    type(error_t), allocatable :: ignored
     if (.not. (allocated(table%position) .and. allocated(table%volume) .and. allocated(table%mass))) then
-      call raise(error, file%path//": a particle file needs position, volume and mass")
+      call raise(error, path//": a particle file needs position, volume and mass")
       return
     end if
-    call write_dataset(file, "position", table%position, error)
-    if (.not. allocated(error)) call write_dataset(file, "volume", table%volume, error)
-    if (.not. allocated(error)) call write_dataset(file, "mass", table%mass, error)
-    call put("velocity", table%velocity)
-    call put("deformation_gradient", table%deformation_gradient)
-    call put("half_length", table%half_length)
-    call put("corner", table%corner)
-    call put("stress", table%stress)
-    if (allocated(table%id) .and. .not. allocated(error)) call write_dataset(file, "id", table%id, error)
+    call lay_out(path//".part", shared, error)
+    if (.not. allocated(error)) then
+      if (this_rank == 0) call write_attributes(shared%file, error, reason, step, time)
+      call share_error(error)
+    end if
+    if (.not. allocated(error)) call write_tables(shared, table, error)
+    if (.not. allocated(error)) then
+      if (this_rank == 0) call rename_file(path//".part", path, error)
+      call share_error(error)
+    end if
+    if (.not. allocated(error)) return
+    call drop_shared(shared)
+    if (this_rank == 0) call delete_file(path//".part", ignored)
+  end subroutine write_particle_file
+
+  subroutine write_attributes(file, error, reason, step, time)
+    type(hdf5_file_t), intent(in) :: file
+    type(error_t), allocatable, intent(out) :: error
+    character(len=*), intent(in), optional :: reason
+    integer(i8), intent(in), optional :: step
+    real(dp), intent(in), optional :: time
+    if (present(reason)) call write_attribute(file, "", "reason", reason, error)
+    if (present(step) .and. .not. allocated(error)) call write_attribute(file, "", "step", step, error)
+    if (present(time) .and. .not. allocated(error)) call write_attribute(file, "", "time", time, error)
+  end subroutine write_attributes
+
+  !> Make room for all particles, then write those of this rank. Collective
+  subroutine write_tables(shared, table, error)
+    type(shared_file_t), intent(inout) :: shared
+    type(particle_table_t), intent(in) :: table
+    type(error_t), allocatable, intent(out) :: error
+    integer :: pass
+    do pass = 1, 2 ! announce, then write
+      call put("position", table%position)
+      call put_vector("volume", table%volume)
+      call put_vector("mass", table%mass)
+      call put("velocity", table%velocity)
+      call put("deformation_gradient", table%deformation_gradient)
+      call put("half_length", table%half_length)
+      call put("corner", table%corner)
+      call put("stress", table%stress)
+      if (allocated(table%id) .and. pass == 1) call announce_rows(shared, "id", "int64", size(table%id, kind=i8))
+      if (allocated(table%id) .and. pass == 2 .and. .not. allocated(error)) call write_rows(shared, "id", 1_i8, table%id, error)
+      if (pass == 1) call end_layout(shared, error)
+      if (pass == 1 .and. allocated(error)) return
+    end do
+    call close_shared(shared, error)
   contains
     subroutine put(name, values)
       character(len=*), intent(in) :: name
       real(dp), allocatable, intent(in) :: values(:, :)
-      if (allocated(values) .and. .not. allocated(error)) call write_dataset(file, name, values, error)
+      if (.not. allocated(values)) return
+      if (pass == 1) call announce_rows(shared, name, "double", size(values, 2, kind=i8), width=size(values, 1))
+      if (pass == 2 .and. .not. allocated(error)) call write_rows(shared, name, 1_i8, values, error)
     end subroutine put
+
+    subroutine put_vector(name, values)
+      character(len=*), intent(in) :: name
+      real(dp), intent(in) :: values(:)
+      if (pass == 1) call announce_rows(shared, name, "double", size(values, kind=i8))
+      if (pass == 2 .and. .not. allocated(error)) call write_rows(shared, name, 1_i8, values, error)
+    end subroutine put_vector
   end subroutine write_tables
 
 end module gimp_particle_file

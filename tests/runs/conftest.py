@@ -124,8 +124,8 @@ def run_single(gimp_sp_x):
     return runner(gimp_sp_x)
 
 
-def runner(program):
-    """The function behind run_scene"""
+def runner(*command):
+    """The function behind run_scene, for a program or a command that starts it on several ranks"""
     # threads that wait give way: where others work too, spinning at each of many short loops costs fifty times the run
     environment = {"OMP_WAIT_POLICY": "passive", **os.environ}
 
@@ -133,7 +133,7 @@ def runner(program):
         text = scene.read_text() if isinstance(scene, Path) else scene
         for key, value in overrides.items():
             text = namelist.set_key(text, key.replace("__", "."), value)
-        done = subprocess.run([str(program), *arguments], input=text, cwd=folder, timeout=timeout, text=True, env=environment,
+        done = subprocess.run([*map(str, command), *arguments], input=text, cwd=folder, timeout=timeout, text=True, env=environment,
                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         return Run(done.returncode, done.stdout, done.stderr, Path(folder), text, Path(folder) / f"{output_name(text)}.vtkhdf")
 
@@ -152,8 +152,11 @@ def output_name(text):
 # ---------------------------------------------------------------------------------------- the same bits
 
 
-# what may differ: how long it took, on how many threads and with how much room, who wrote it, and the text of a scene that asks for checkpoints
-VOLATILE = ("/summary@wall_seconds", "/summary@bytes_per_particle", "/summary@seconds_", "/summary@particle_steps_per_", "/summary@threads", "/summary@ranks", "/@lineage", "/scene/")
+# what may differ: how long it took, on how many threads and ranks, with how much room, what working together cost, who wrote it, and
+# the text of a scene that asks for checkpoints
+TOGETHER = ("imbalance", "repartition", "migrated_", "pad_", "list_", "reductions", "halo_share", "memory_peak_bytes")
+VOLATILE = ("/summary@wall_seconds", "/summary@bytes_per_particle", "/summary@seconds_", "/summary@particle_steps_per_", "/summary@threads",
+            "/summary@ranks", "/@lineage", "/scene/", *("/summary@" + name for name in TOGETHER))
 
 
 def content(path):
