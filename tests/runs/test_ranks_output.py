@@ -1,10 +1,18 @@
 """What a run leaves behind does not tell on how many ranks it ran: frames, history, summary and the failed state are the same bits."""
 import csv
+import os
+import random
+import signal
+import subprocess
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import gimp_files
 from conftest import MPIRUN, check_same, content, runner
+from test_kills import check_remains, scene, whole  # noqa: F401, a fixture
 from test_outputs import FIELDS, block
 
 h5py = pytest.importorskip("h5py")
@@ -28,9 +36,9 @@ def run_twice(run_on, folder, scene, ranks):
 @pytest.mark.parametrize("dimension, ranks", [(2, 3), (3, 2)])
 def test_all_fields_and_rows(run_on, tmp_path, dimension, ranks):
     """Particles move from rank to rank, since the block crosses half of the grid; there is a probe, a frame every few steps and a CSV file"""
-    scene = block(dimension, output__fields=FIELDS, output__every=0.02, output__csv=True,
+    text = block(dimension, output__fields=FIELDS, output__every=0.02, output__csv=True,
                   output__probes=[0.3, 0.5, 0.4][:dimension])
-    one, several = run_twice(run_on, tmp_path, scene, ranks)
+    one, several = run_twice(run_on, tmp_path, text, ranks)
     check_same(one.succeeded().output, several.succeeded().output)
     assert len(several.times) > 3 and several.summary["ranks"] == ranks
     texts = [(run.folder / "block.history.csv").read_text() for run in (one, several)]
@@ -40,9 +48,9 @@ def test_all_fields_and_rows(run_on, tmp_path, dimension, ranks):
 
 def test_particles_that_leave(run_on, tmp_path):
     """Gaps in the numbers are closed over all ranks, down to the last particle"""
-    scene = block(2, time__max_steps=0, time__end=1.2, output__every=0.2).replace(
+    text = block(2, time__max_steps=0, time__end=1.2, output__every=0.2).replace(
         "&method", '&boundary side = "all" condition = "free" leaving = "remove" /\n&method')
-    one, several = run_twice(run_on, tmp_path, scene, 3)
+    one, several = run_twice(run_on, tmp_path, text, 3)
     check_same(one.succeeded().output, several.succeeded().output)
     left = several.history["particles"]
     assert left[0] > left[-1] and len(several.last_frame["points"]) == left[-1]
@@ -50,21 +58,57 @@ def test_particles_that_leave(run_on, tmp_path):
 
 @pytest.mark.parametrize("particles", [1, 4])
 def test_more_ranks_than_particles(run_on, tmp_path, particles):
-    scene = block(2, body__lower=[0.25, 0.25], body__upper=[0.3125, 0.3125], body__particles_per_axis=round(particles**0.5),
+    text = block(2, body__lower=[0.25, 0.25], body__upper=[0.3125, 0.3125], body__particles_per_axis=round(particles**0.5),
                   output__every=0.05)
-    one, several = run_twice(run_on, tmp_path, scene, 6)
+    one, several = run_twice(run_on, tmp_path, text, 6)
     check_same(one.succeeded().output, several.succeeded().output)
     assert len(several.last_frame["points"]) == particles
 
 
 def test_the_failed_state(run_on, tmp_path):
     """A particle turns inside out: all ranks end, and what failed is written whole"""
-    scene = block(2, time__step_rule="fixed", time__step=1.0e-3, method__deformation_update="cayley",
+    text = block(2, time__step_rule="fixed", time__step=1.0e-3, method__deformation_update="cayley",
                   **{"body.velocity_gradient": [-9.0e3, 0.0, 0.0, -8.0e3]})
-    one, several = run_twice(run_on, tmp_path, scene, 3)
+    one, several = run_twice(run_on, tmp_path, text, 3)
     assert one.code == several.code == 1
     assert [line for line in several.stderr.splitlines() if line in one.stderr.splitlines()] == one.stderr.splitlines()
     one, several = (content(run.folder / "block.failed.h5") for run in (one, several))
     assert set(one) == set(several) and len(one["/id"]) == 121
     assert [name for name in one if not np.array_equal(one[name], several[name])] == []
     assert (np.diff(one["/id"]) > 0).all()
+
+
+def ranks_of(launcher):
+    """The processes that a launcher started"""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            name, _, rest = stat.read_text().partition("(")[2].rpartition(")")
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if name.startswith("gimp") and int(rest.split()[1]) == launcher.pid:
+            found.append(int(stat.parent.name))
+    return sorted(found)
+
+
+@pytest.mark.parametrize("number", range(2))
+def test_a_killed_rank_leaves_what_was_committed(gimp_mpi_x, whole, tmp_path, number):
+    """The launcher ends the other ranks; frames and rows that are there are a beginning of the whole run"""
+    (tmp_path / "scene.nml").write_text(scene())
+    with (tmp_path / "scene.nml").open() as source:
+        run = subprocess.Popen([*MPIRUN, "-n", "2", str(gimp_mpi_x)], stdin=source, cwd=tmp_path, stdout=subprocess.DEVNULL,
+                               stderr=subprocess.DEVNULL)
+    path = tmp_path / "two_disks.vtkhdf"
+    limit = time.monotonic() + 60
+    while not path.exists():
+        assert run.poll() is None and time.monotonic() < limit
+        time.sleep(0.01)
+    time.sleep(random.Random(number).uniform(0.0, 0.5)*whole[0])
+    ranks = ranks_of(run)
+    assert ranks or run.poll() is not None
+    if ranks:  # else the run was faster
+        os.kill(ranks[-1 - number], signal.SIGKILL)
+    code = run.wait(timeout=60)
+    rows, frames = check_remains(path, whole)
+    assert rows >= 1 and frames >= 1
+    assert code != 0 or not ranks or gimp_files.summary(path)["status"] == "done"
