@@ -6,7 +6,7 @@ submodule(gimp_ranks) gimp_ranks_coarray
   use gimp_timer, only: seconds_now
   use gimp_traffic, only: book, of_pads, of_lists, of_all
   use gimp_exact_sum, only: words_of_sum, merge_sums
-  use gimp_images, only: start_images, end_images, abort_images, sync_images, share_over_images, sum_over_images, &
+  use gimp_coarray_images, only: start_images, end_images, abort_images, sync_images, share_over_images, sum_over_images, &
                          largest_over_images, make_room, put_words, take_words
   implicit none(type, external)
 contains

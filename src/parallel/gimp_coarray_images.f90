@@ -3,7 +3,7 @@
 !> This file alone is compiled with -fcoarray=lib: with it gfortran lays out types that have allocatable components in another
 !> way, so that nothing else could use them. Hence no such type in here, and the program starts and ends the library by its
 !> documented entries, which a main program compiled with it would do by itself.
-module gimp_images
+module gimp_coarray_images
   use, intrinsic :: iso_c_binding, only: c_ptr, c_null_ptr, c_char, c_int, c_null_char
   use gimp_common_kinds, only: i8
   implicit none(type, external)
@@ -128,4 +128,4 @@ contains
     words = mailbox(at:at + size(words, kind=i8) - 1)
   end subroutine take_words
 
-end module gimp_images
+end module gimp_coarray_images
