@@ -14,7 +14,8 @@ module gimp_run
   use gimp_run_state, only: stepper_t, stepper_bytes
   use gimp_stepper, only: start_run, plan_step, take_step
   use gimp_setup, only: set_up_scene, set_up_threads, body_named
-  use gimp_populate, only: population_t, count_particles, populate
+  use gimp_population, only: population_t, count_particles
+  use gimp_populate, only: populate
   use gimp_recorder, only: recorder_t, open_recorder, record_frame, record_row, close_recorder, record_failure, next_frame_time, &
     continue_record
   use gimp_ranks_report, only: together_t, measure_together

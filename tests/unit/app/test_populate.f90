@@ -11,7 +11,8 @@ program test_populate
   use gimp_run_state, only: stepper_t
   use gimp_verification, only: verification_t
   use gimp_setup, only: set_up_scene
-  use gimp_populate, only: population_t, count_particles, populate
+  use gimp_population, only: population_t, count_particles
+  use gimp_populate, only: populate
   use gimp_measures, only: nearest_particle, measure_probes, probe_values
   use gimp_particle_file, only: particle_table_t, write_particle_file
   use gimp_check, only: begin_suite, suite_failed, check, check_true
