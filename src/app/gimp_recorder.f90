@@ -379,8 +379,10 @@ contains
   subroutine close_recorder(recorder, error)
     type(recorder_t), intent(inout) :: recorder
     type(error_t), allocatable, intent(out) :: error
+    type(error_t), allocatable :: problem
     call close_history(recorder%output, recorder%history, error)
-    if (.not. allocated(error)) call close_output(recorder%output, error)
+    call close_output(recorder%output, problem) ! also after a failure: a file without a commit is taken away
+    if (.not. allocated(error)) call move_alloc(problem, error)
   end subroutine close_recorder
 
   !> The state in which a run failed goes to NAME.failed.h5, as a particle file

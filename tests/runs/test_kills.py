@@ -139,4 +139,4 @@ def test_a_full_disk_ends_the_run_and_keeps_what_was_committed(gimp_x, whole, tm
 def test_a_disk_too_small_for_the_first_frame(gimp_x, whole, tmp_path):
     code, told, left = on_small_disk(gimp_x, tmp_path, 100)
     assert code == 1 and "the run failed" in told and "no frame was committed" in told
-    assert not (left / "two_disks.vtkhdf").exists()
+    assert not (left / "two_disks.vtkhdf").exists() and not (left / "two_disks.vtkhdf.part").exists()
