@@ -14,7 +14,8 @@ module gimp_engine_store
   use gimp_hash_table, only: find_key
   use gimp_grid, only: nf => fields_per_node, block_key
   use gimp_particles, only: group_t
-  use gimp_engine, only: engine_t, spill_t, n_sums, make_room
+  use gimp_engine, only: engine_t, spill_t, n_sums, work_of_pad, make_room
+  use gimp_particle_pass, only: tell_signs, complete_pads
   use gimp_list_kernel, only: order_spill
   use gimp_hdf5, only: hdf5_file_t, create_group, dataset_shape, read_dataset, write_text, read_text
   use gimp_shared_hdf5, only: shared_file_t, announce_rows, rows_before, write_rows
@@ -159,7 +160,7 @@ contains
                                                     //"; this scene wants "//list_fields(engine))
     end if
     call share_error(error)
-    if (.not. allocated(error)) call read_own_groups(file, rows, error)
+    if (.not. allocated(error)) call read_own_groups(file, engine%border%cut, rows, error)
     if (allocated(error)) return
     first_block = 1
     first_chunk = 1
@@ -179,17 +180,20 @@ contains
     if (allocated(error)) return
     engine%particles%n = count(engine%particles%id > 0, kind=i8)
     engine%particles%n_all = sum_counts(engine%particles%n)
-    ! here blocks of other ranks get their pads and what they gave beyond them
+    call tell_signs(engine)
+    call complete_pads(engine, .false.) ! what blocks of other ranks gave
   end subroutine read_engine
 
   !> Find the cuts and read the groups of this rank. Each looks through a share of all groups for that. Collective
-  subroutine read_own_groups(file, rows, error)
+  subroutine read_own_groups(file, cut, rows, error)
     type(hdf5_file_t), intent(in) :: file
+    integer(i8), allocatable, intent(out) :: cut(:) !! (0:ranks)
     integer(i8), allocatable, intent(out) :: rows(:, :)
     type(error_t), allocatable, intent(out) :: error
     integer(i8), allocatable :: keys(:), work(:), groups(:), extents(:)
-    integer(i8) :: cut(0:ranks), own(2), share(2)
+    integer(i8) :: own(2), share(2)
     integer :: n
+    allocate (cut(0:ranks))
     call dataset_shape(file, "particles/groups", extents, error)
     if (.not. allocated(error)) then
       share = items_of_share(share_t(this_rank, ranks), extents(2))
@@ -204,7 +208,7 @@ contains
     call share_error(error)
   end subroutine read_own_groups
 
-  !> Block keys of some groups, with the chunks and the number of groups of each block; they are ascending
+  !> Block keys of some groups in ascending order, with the counted work and the number of groups of each block
   subroutine read_keys(file, share, keys, work, groups, n, error)
     type(hdf5_file_t), intent(in) :: file
     integer(i8), intent(in) :: share(2) !! first and last group
@@ -231,7 +235,7 @@ contains
         end if
         n = n + 1
         keys(n) = key
-        work(n) = rows(4, g) - rows(3, g) + 1
+        work(n) = work_of_pad + rows(4, g) - rows(3, g) + 1
         groups(n) = 1
       end do
     end do
