@@ -14,7 +14,7 @@ module gimp_engine_store
   use gimp_hash_table, only: find_key
   use gimp_grid, only: nf => fields_per_node, block_key
   use gimp_particles, only: group_t
-  use gimp_engine, only: engine_t, spill_t, n_sums, work_of_pad, make_room
+  use gimp_engine, only: engine_t, spill_t, n_sums, work_of_pad, pad_edge, make_room
   use gimp_particle_pass, only: tell_signs, complete_pads
   use gimp_list_kernel, only: order_spill
   use gimp_hdf5, only: hdf5_file_t, create_group, dataset_shape, read_dataset, write_text, read_text
@@ -75,8 +75,7 @@ contains
       flat(1:lanes*engine%particles%components, 1:engine%particles%chunks) => engine%particles%p
       if (.not. allocated(error)) call write_rows(shared, "particles/values", 1_i8, flat, error)
       if (.not. allocated(error)) call write_rows(shared, "particles/id", 1_i8, engine%particles%id, error)
-      flat(1:nf*size(engine%pad, 2), 1:blocks) => engine%pad
-      if (.not. allocated(error)) call write_rows(shared, "blocks/pads", 1_i8, flat, error)
+      if (.not. allocated(error)) call write_pads(shared, engine, error)
       if (.not. allocated(error)) call write_rows(shared, "blocks/sums", 1_i8, engine%sums(:, :blocks), error)
       allocate (marks(2, blocks))
       marks(1, :) = merge(1, 0, engine%drifted(:blocks))
@@ -106,6 +105,35 @@ contains
     end do
     call write_rows(shared, "particles/groups", 1_i8, rows, error)
   end subroutine write_groups
+
+  !> Pads, in pieces. Without drift their outermost nodes are not in use and hold anything: zeros in the file
+  subroutine write_pads(shared, engine, error)
+    type(shared_file_t), intent(in) :: shared
+    type(engine_t), intent(in) :: engine
+    type(error_t), allocatable, intent(out) :: error
+    real(wp), allocatable :: rows(:, :)
+    integer :: first, last, b, step, edge(3)
+    edge = pad_edge(engine%grid%dim, engine%basis)
+    step = max(1, piece_numbers/(nf*size(engine%pad, 2)))
+    do first = 1, engine%table%blocks, step
+      last = min(engine%table%blocks, first + step - 1)
+      rows = reshape(engine%pad(:, :, first:last), [nf*size(engine%pad, 2), last - first + 1])
+      do b = first, last
+        if (.not. engine%drifted(b)) call clear_outermost(edge, rows(:, b - first + 1))
+      end do
+      call write_rows(shared, "blocks/pads", int(first, i8), rows, error)
+      if (allocated(error)) return
+    end do
+  end subroutine write_pads
+
+  !> Zeros in the outermost nodes of a pad
+  pure subroutine clear_outermost(edge, pad)
+    integer, intent(in) :: edge(3) !! nodes along each axis; 1 along those that there are not
+    real(wp), intent(inout) :: pad(nf, edge(1), edge(2), edge(3))
+    pad(:, [1, edge(1)], :, :) = 0.0_wp
+    if (edge(2) > 1) pad(:, :, [1, edge(2)], :) = 0.0_wp
+    if (edge(3) > 1) pad(:, :, :, [1, edge(3)]) = 0.0_wp
+  end subroutine clear_outermost
 
   !> What blocks of this rank gave to nodes beyond their pads: in the order of blocks, each in the order in which it is added
   subroutine write_spill(shared, engine, error)
