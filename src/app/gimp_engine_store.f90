@@ -15,6 +15,7 @@ module gimp_engine_store
   use gimp_grid, only: nf => fields_per_node, block_key
   use gimp_particles, only: group_t
   use gimp_engine, only: engine_t, spill_t, n_sums, work_of_pad, pad_edge, make_room
+  use gimp_borders, only: send_pads
   use gimp_particle_pass, only: tell_signs, complete_pads
   use gimp_list_kernel, only: order_spill
   use gimp_hdf5, only: hdf5_file_t, create_group, dataset_shape, read_dataset, write_text, read_text
@@ -208,6 +209,7 @@ contains
     if (allocated(error)) return
     engine%particles%n = count(engine%particles%id > 0, kind=i8)
     engine%particles%n_all = sum_counts(engine%particles%n)
+    call send_pads(engine, .false.)
     call tell_signs(engine)
     call complete_pads(engine, .false.) ! what blocks of other ranks gave
   end subroutine read_engine
