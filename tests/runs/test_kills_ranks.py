@@ -73,7 +73,7 @@ def run_with_kills(gimp_x, whole, folder, kind, dice):
         run = Way(gimp_x.with_name("gimp_mpi.x"), dice.randint(2, 4), 1).start(text, folder, *arguments)
         killed = False
         try:
-            run.wait(timeout=dice.uniform(0.2, 0.8)*seconds if kills < EACH else 300)
+            run.wait(timeout=dice.uniform(0.1, 0.45)*seconds if kills < EACH else 300)
         except subprocess.TimeoutExpired:
             killed = kill(dice, kind, run)
             run.wait(timeout=300)
