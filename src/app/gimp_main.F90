@@ -38,9 +38,10 @@ program gimp_main
   if (.not. allocated(error)) call prepare(run, error)
   if (allocated(error)) call tell_mistakes()
   if (only_check) then
-    call check_only(run, build, error)
-    if (allocated(error)) call tell_mistakes()
-    call end_ranks(0)
+    call check_only(run, build, error, failed)
+    if (allocated(error) .and. .not. failed) call tell_mistakes()
+    if (failed .and. this_rank == 0) call tell_error(error%message)
+    call end_ranks(merge(1, 0, failed))
   end if
   call run_scene(run, build, error, failed)
   if (allocated(error)) then
@@ -130,8 +131,7 @@ contains
 
   !> What went wrong and where to look: only what is really there
   subroutine tell_failure()
-    flush (output_unit)
-    write (error_unit, "(a)") "gimp.x: the run failed: "//error%message
+    call tell_error("the run failed: "//error%message)
     if (file_exists(run%recorder%path)) then
       write (error_unit, "(a)") "  committed frames are in "//run%recorder%path
     else
@@ -144,10 +144,17 @@ contains
     end if
   end subroutine tell_failure
 
+  !> After all that was said before
+  subroutine tell_error(message)
+    character(len=*), intent(in) :: message
+    flush (output_unit)
+    write (error_unit, "(a)") "gimp.x: "//message
+  end subroutine tell_error
+
   !> A command line that is not understood
   subroutine refuse(message)
     character(len=*), intent(in) :: message
-    if (this_rank == 0) write (error_unit, "(a)") "gimp.x: "//message
+    if (this_rank == 0) call tell_error(message)
     call end_ranks(2)
   end subroutine refuse
 

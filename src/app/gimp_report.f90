@@ -25,7 +25,7 @@ module gimp_report
   implicit none(type, external)
   private
   public :: build_t, progress_t, whole_t, measure_whole, hash_text, print_header, start_progress, show_progress, end_progress, &
-    tell_checkpoint, print_closing, print_going_on, write_closing, estimated_steps
+    tell_checkpoint, print_closing, print_going_on, write_closing, estimated_steps, usual_step, share_done
 
   !> How the executable was built
   type :: build_t
@@ -72,17 +72,20 @@ module gimp_report
 
 contains
 
-  !> Steps that a run will take, from the speeds at the start; a guess for adaptive steps
-  pure real(dp) function estimated_steps(s) result(steps)
+  !> Length of a step [s], from the speeds at the start; a guess for adaptive steps
+  pure real(dp) function usual_step(s) result(step)
     type(stepper_t), intent(in) :: s
     associate (t => s%time_options)
-      if (t%rule == rule_adaptive) then
-        steps = t%end*max(s%rate, tiny(1.0_dp))/(t%courant*s%engine%grid%spacing)
-      else
-        steps = t%end/t%step
-      end if
-      if (t%max_steps > 0) steps = min(steps, real(t%max_steps, dp))
+      step = t%step
+      if (t%rule == rule_adaptive) step = min(t%end, t%courant*s%engine%grid%spacing/max(s%rate, tiny(1.0_dp)))
     end associate
+  end function usual_step
+
+  !> Steps that a run will take
+  pure real(dp) function estimated_steps(s) result(steps)
+    type(stepper_t), intent(in) :: s
+    steps = s%time_options%end/usual_step(s)
+    if (s%time_options%max_steps > 0) steps = min(steps, real(s%time_options%max_steps, dp))
   end function estimated_steps
 
   !> Measure the whole. Collective
@@ -138,7 +141,7 @@ contains
     if (ranks > 1) call line("  ranks      "//text_of(ranks)//" of "//plural(threads, "thread", "threads") &
                              //"; the fullest holds "//short_number(real(whole%most_bytes, dp))//"B")
     call line("  time       "//text_of(s%time_options%end)//" s in about "//with_thousands(ceiling(estimated_steps(s), i8)) &
-              //" steps of "//text_of(s%time_options%end/max(1.0_dp, estimated_steps(s)), 3)//" s")
+              //" steps of "//text_of(usual_step(s), 3)//" s")
     flush (output_unit)
 
   contains

@@ -23,6 +23,7 @@ module gimp_run
     show_progress, end_progress, print_closing, write_closing, print_going_on, tell_checkpoint
   use gimp_signals, only: wish_here, forget_checkpoint, wish_words, wish_none, wish_checkpoint, wish_walltime, stops
   use gimp_walltime, only: walltime_t, start_walltime, note_step, note_checkpoint, time_is_up, reserve_of
+  use gimp_forecast, only: tell_forecast
   use gimp_restart, only: restart_t, set_up_restart, check_checkpoint, load_checkpoint, start_checkpoints, checkpoint_due, &
     write_checkpoint, continued_words
   use, intrinsic :: iso_fortran_env, only: output_unit
@@ -127,16 +128,20 @@ contains
     end do
   end subroutine place_point_loads
 
-  !> `--check`: what the run would be, without running it
-  subroutine check_only(run, build, error)
+  !> `--check`: what the run would be and cost. Nothing is written
+  subroutine check_only(run, build, error, failed)
     type(run_t), intent(inout) :: run
     type(build_t), intent(in) :: build
     type(error_t), allocatable, intent(out) :: error
+    logical, intent(out) :: failed !! it is a step that went wrong
+    failed = .false.
     if (.not. is_continued(run)) call start_run(run%stepper, error)
     call share_error(error)
     if (allocated(error)) return
     call print_header(build, run%scene, run%stepper, run%costs%threads, continued_words(run%restart, run%stepper))
-    if (this_rank == 0) write (output_unit, "(a)") "  checked: the scene is sound; nothing was run or written"
+    call tell_forecast(run%scene, run%stepper, error)
+    failed = allocated(error)
+    if (this_rank == 0 .and. .not. failed) write (output_unit, "(a)") "  checked: the scene is sound; nothing was written"
   end subroutine check_only
 
   !> Run to the end. `failed` tells a run that went wrong from a problem before it started.
