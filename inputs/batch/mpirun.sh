@@ -18,8 +18,7 @@ export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
 
 while true; do
   before=$(head -c 512 "$checkpoint" 2> /dev/null | cksum)
-  # sigkill_timeout: what TERM and an interrupt leave to ranks for a last checkpoint, in seconds
-  timeout --preserve-status --foreground --signal=USR2 ${minutes}m mpirun -n $ranks --mca odls_base_sigkill_timeout 10 \
+  timeout --preserve-status --foreground --signal=USR2 ${minutes}m mpirun -n $ranks \
     "$program" "$@" < "$scene"
   code=$?
   [ $code -eq 75 ] || exit $code

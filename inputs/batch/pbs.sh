@@ -20,9 +20,7 @@ cd "${PBS_O_WORKDIR:-.}" || exit 2
 export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
 
 before=$(head -c 512 "$checkpoint" 2> /dev/null | cksum)
-# sigkill_timeout: what TERM (of qdel) leaves to ranks for a last checkpoint, in seconds
-timeout --preserve-status --signal=USR2 ${minutes}m mpirun --mca odls_base_sigkill_timeout 10 \
-  "$program" ${GIMP_RESTART:+--restart "$GIMP_RESTART"} < "$scene"
+timeout --preserve-status --signal=USR2 ${minutes}m mpirun "$program" ${GIMP_RESTART:+--restart "$GIMP_RESTART"} < "$scene"
 code=$?
 [ $code -eq 75 ] || exit $code
 if [ "$(head -c 512 "$checkpoint" | cksum)" = "$before" ]; then

@@ -39,21 +39,19 @@ def step_of(checkpoint):
         return int(file.attrs["step"])
 
 
-@pytest.fixture(params=["alone", "mpirun"])
+@pytest.fixture(params=["alone", "2 ranks"])
 def program(request):
-    """The command of a run: gimp.x, or gimp_mpi.x under mpirun"""
-    return [request.getfixturevalue("gimp_x")] if request.param == "alone" else [*MPIRUN, "-n", 1, request.getfixturevalue("gimp_mpi_x")]
+    """The command of a run: gimp.x, or gimp_mpi.x on two ranks"""
+    return [request.getfixturevalue("gimp_x")] if request.param == "alone" else [*MPIRUN, "-n", 2, request.getfixturevalue("gimp_mpi_x")]
 
 
-def check_goes_on(command, run_scene, folder):
-    """Some steps more, from the checkpoint and without one, end in the same state"""
+def check_goes_on(run_scene, folder):
+    """Some steps more, from the checkpoint (on one rank, whoever wrote it) and without one, end in the same state"""
     step = step_of(folder / CHECKPOINT)
     text = text_of(ENDLESS, step + 10)
     (folder / "whole").mkdir()
     whole = run_scene(text, folder / "whole").succeeded()
-    rest = start([*command, "--restart", CHECKPOINT], folder, text)
-    assert rest.wait(timeout=120) == 0, (folder / "log").read_text()
-    summary = gimp_files.summary(folder / "two_disks.vtkhdf")
+    summary = run_scene(text, folder, arguments=("--restart", CHECKPOINT)).succeeded().summary
     assert summary["steps"] == whole.summary["steps"] == step + 10
     assert summary["state_hash"] == whole.summary["state_hash"]
     assert summary["status"] == "max_steps"
@@ -71,7 +69,7 @@ def test_a_wish_to_stop(program, run_scene, tmp_path):
     assert summary["steps"] == step_of(tmp_path / CHECKPOINT)
     assert f"stopped by signal USR2; go on with --restart {CHECKPOINT} and the same scene" in said
     assert said.count("checkpoint at step") == said.count("stopped by") == 1, "one rank speaks"
-    check_goes_on(program, run_scene, tmp_path)
+    check_goes_on(run_scene, tmp_path)
 
 
 @pytest.mark.parametrize("word", ["TERM", "INT"])
@@ -96,10 +94,10 @@ def test_a_wish_for_a_checkpoint(program, run_scene, tmp_path):
     if program[0] == MPIRUN[0]:
         time.sleep(0.5)  # its ranks notice that it is gone
     assert step_of(tmp_path / "two_disks.checkpoint.old.h5") < step_of(tmp_path / CHECKPOINT)
-    check_goes_on(program, run_scene, tmp_path)
+    check_goes_on(run_scene, tmp_path)
 
 
-def test_the_clock_on_the_wall(gimp_x, run_scene, tmp_path):
+def test_the_clock_on_the_wall(run_scene, tmp_path):
     """A run stops in time by itself, and what goes on from it does so too"""
     text = with_checkpoints(ENDLESS, max_walltime=0.006)
     first = run_scene(text, tmp_path)
@@ -108,7 +106,7 @@ def test_the_clock_on_the_wall(gimp_x, run_scene, tmp_path):
     second = run_scene(text, tmp_path, arguments=("--restart", CHECKPOINT))
     assert second.code == 75
     assert second.summary["steps"] > step_of(tmp_path / "two_disks.checkpoint.old.h5") > 0
-    check_goes_on([gimp_x], run_scene, tmp_path)
+    check_goes_on(run_scene, tmp_path)
 
 
 def test_nobody_waits_who_has_nothing_to_lose(gimp_x, tmp_path):
@@ -118,3 +116,15 @@ def test_nobody_waits_who_has_nothing_to_lose(gimp_x, tmp_path):
     run.send_signal(signal.SIGTERM)
     assert run.wait(timeout=20) == -signal.SIGTERM
     run.stdin.close()
+
+
+def test_a_lost_rank_ends_the_job(gimp_mpi_x, tmp_path):
+    """The others wait for it: the job must not"""
+    run = start([*MPIRUN, "-n", 2, gimp_mpi_x], tmp_path, ENDLESS)
+    wait_for(tmp_path / "two_disks.vtkhdf", run)
+    children = subprocess.run(["ps", "-o", "pid=", "--ppid", str(run.pid)], capture_output=True, text=True, check=True).stdout.split()
+    assert len(children) == 2
+    begin = time.monotonic()
+    subprocess.run(["kill", "-9", children[1]], check=True)
+    assert run.wait(timeout=60) not in (0, 75)
+    assert time.monotonic() - begin < 30
