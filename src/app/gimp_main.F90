@@ -49,6 +49,7 @@ program gimp_main
     if (this_rank == 0) call tell_failure()
     call end_ranks(1)
   end if
+  flush (output_unit) ! mpirun ends all ranks when the first has a code other than 0
   call end_ranks(merge(75, 0, stops(run%stopped_by)))
 
 contains
@@ -109,6 +110,7 @@ contains
       end if
     end select
     if (this_rank == 0 .and. allocated(text)) write (output_unit, "(a)") text
+    flush (output_unit)
     call end_ranks(0)
   end subroutine answer
 

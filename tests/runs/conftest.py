@@ -15,8 +15,8 @@ INPUTS = REPOSITORY / "inputs"
 HARD = sorted((INPUTS / "hard").glob("*.nml"))
 REFUSED_INPUTS = [path for path in HARD if "\n! hard: refused" in path.read_text()]
 SCENES = sorted(INPUTS.glob("*.nml")) + [path for path in HARD if path not in REFUSED_INPUTS]  # all that run; inputs/benchmark is apart
-# more ranks than cores are fine, and who waits gives way
-MPIRUN = ["mpirun", "--allow-run-as-root", "--oversubscribe", "--mca", "mpi_yield_when_idle", "1"]
+# more ranks than cores are fine, who waits gives way, and mpirun does not wait for itself after a code other than 0
+MPIRUN = ["mpirun", "--allow-run-as-root", "--oversubscribe", "--mca", "mpi_yield_when_idle", "1", "--mca", "odls_base_sigkill_timeout", "0"]
 sys.path.insert(0, str(REPOSITORY / "postprocessing"))
 
 import gimp_files  # noqa: E402
