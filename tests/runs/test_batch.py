@@ -15,7 +15,7 @@ import pytest
 import gimp_files
 from conftest import INPUTS, MPIRUN, check_same, text_of, with_checkpoints
 
-RANKS = 1
+RANKS = 2
 SCRIPTS = {path.stem: path for path in sorted((INPUTS / "batch").glob("*.sh"))}
 SCENE = with_checkpoints(text_of("two_disks.nml", 250, **{"grid.spacing": 0.025, "output.every": 0.2, "output.progress": "on"}),
                          every_steps=80)
