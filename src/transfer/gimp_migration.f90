@@ -266,7 +266,7 @@ contains
       now = imbalance_of(sum(work))
       border%imbalance = now
       if (border%repartition == repartition_always) then
-        call find_cuts(key, work*(1 + modulo(key/8 + border%sorts, 3_i8)), cut) ! other weights each time
+        call find_cuts(key, work*chance_weight(key, border%sorts), cut)
         call hand_over(engine, block_at, key, cut)
         now = imbalance_of(sum(work_here(engine)))
       else if (border%repartition /= repartition_never .and. now > border%most_imbalance) then
@@ -282,6 +282,12 @@ contains
       border%worst_imbalance = max(border%worst_imbalance, now)
     end associate
   end subroutine balance
+
+  !> Weights from 1 to 16 without a pattern, other ones at each sort
+  pure elemental integer(i8) function chance_weight(key, sorts) result(weight)
+    integer(i8), intent(in) :: key, sorts
+    weight = 1 + modulo((1 + modulo(key, 2_i8**24))*(2*modulo(sorts, 2_i8**16) + 1)*40503/2**7, 16_i8)
+  end function chance_weight
 
   !> Largest work of a rank over the mean. Collective
   real function imbalance_of(work)
