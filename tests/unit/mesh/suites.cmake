@@ -1,2 +1,3 @@
 gimp_add_unit_test(mesh test_blocks)
 gimp_add_unit_test(mesh test_images)
+gimp_add_unit_test(mesh test_related)

@@ -1,5 +1,6 @@
 gimp_add_rank_test(parallel test_ranks RANKS 1 2 4 7)
 gimp_add_rank_test(parallel test_over_ranks RANKS 1 2 4)
+gimp_add_rank_test(parallel test_cuts RANKS 1 2 3 4)
 gimp_add_rank_test(parallel test_slabs RANKS 1 2 5)
 
 # Exit codes as the shell sees them
