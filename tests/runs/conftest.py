@@ -124,18 +124,49 @@ def run_single(gimp_sp_x):
     return runner(gimp_sp_x)
 
 
-def runner(*command):
+@pytest.fixture
+def run_ranks(gimp_x):
+    """A function run_ranks(scene, folder, ranks, threads=1, program="gimp_mpi.x", timeout=300, **keys) -> Run: a scene, given as text
+
+    Keys are those of &parallel. The program lies beside gimp.x; a build without it skips the test. A run that hangs fails after `timeout` [s].
+    """
+
+    def run(scene, folder, ranks, threads=1, program="gimp_mpi.x", timeout=300, **keys):
+        path = gimp_x.with_name(program)
+        if not os.access(path, os.X_OK):
+            pytest.skip(f"there is no {path}: the build found no library for it")
+        if shutil.which(MPIRUN[0]) is None:
+            pytest.skip("there is no mpirun")
+        return runner(*MPIRUN, "-n", ranks, path, more_environment=RANK_ENVIRONMENT)(on_threads(scene, threads, **keys), folder, timeout=timeout)
+
+    return run
+
+
+# ranks are not bound to the few cores that others use as well
+RANK_ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OMPI_MCA_hwloc_base_binding_policy": "none", "PRTE_MCA_hwloc_default_binding_policy": "none"}
+
+
+def runner(*command, more_environment=None):
     """The function behind run_scene, for a program or a command that starts it on several ranks"""
     # threads that wait give way: where others work too, spinning at each of many short loops costs fifty times the run
-    environment = {"OMP_WAIT_POLICY": "passive", **os.environ}
+    environment = {"OMP_WAIT_POLICY": "passive", **os.environ, **(more_environment or {})}
 
     def run(scene, folder, arguments=(), timeout=300, **overrides):
         text = scene.read_text() if isinstance(scene, Path) else scene
         for key, value in overrides.items():
             text = namelist.set_key(text, key.replace("__", "."), value)
-        done = subprocess.run([*map(str, command), *arguments], input=text, cwd=folder, timeout=timeout, text=True, env=environment,
-                              stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-        return Run(done.returncode, done.stdout, done.stderr, Path(folder), text, Path(folder) / f"{output_name(text)}.vtkhdf")
+        with subprocess.Popen([*map(str, command), *arguments], cwd=folder, text=True, env=environment, stdin=subprocess.PIPE,
+                              stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            try:
+                stdout, stderr = process.communicate(text, timeout=timeout)
+            except subprocess.TimeoutExpired:
+                process.terminate()  # mpirun then ends its ranks; killed at once it would leave them behind
+                try:
+                    process.communicate(timeout=20)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                pytest.fail(f"{command[-1]} in {folder} was not done after {timeout} s")
+        return Run(process.returncode, stdout, stderr, Path(folder), text, Path(folder) / f"{output_name(text)}.vtkhdf")
 
     return run
 
@@ -198,8 +229,10 @@ def with_checkpoints(text, **keys):
     return text + "\n&restart " + " ".join(f"{key} = {namelist.format_value(value)}" for key, value in keys.items()) + " /\n"
 
 
-def on_threads(text, threads):
-    return text + f"\n&parallel threads = {threads} /\n"
+def on_threads(text, threads, **keys):
+    """With the keys of &parallel"""
+    keys = {"threads": threads, **keys}
+    return text + "\n&parallel " + " ".join(f"{key} = {namelist.format_value(value)}" for key, value in keys.items()) + " /\n"
 
 
 def run_in_parts(run, folder, text, at, total, threads):
