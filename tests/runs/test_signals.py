@@ -99,7 +99,7 @@ def test_a_wish_for_a_checkpoint(program, run_scene, tmp_path):
 
 def test_the_clock_on_the_wall(run_scene, tmp_path):
     """A run stops in time by itself, and what goes on from it does so too"""
-    text = with_checkpoints(ENDLESS, max_walltime=0.006)
+    text = with_checkpoints(ENDLESS, max_walltime=0.015)
     first = run_scene(text, tmp_path)
     assert first.code == 75
     assert "stopped by max_walltime" in first.stdout
