@@ -18,6 +18,7 @@ module gimp_ranks_report
   !> Sums over ranks unless it says otherwise
   type :: together_t
     real(dp) :: imbalance = 1.0_dp, worst = 1.0_dp !! largest counted work of a rank over the mean: after the last sort, and ever
+    real(dp) :: crowding = 1.0_dp, worst_crowding = 1.0_dp !! the same of particles
     integer(i8) :: repartitions = 0
     integer(i8) :: moved_bytes = 0, migrated = 0, migrated_bytes = 0 !! of blocks handed over; particles that changed their rank
     integer(i8) :: pad_messages = 0, pad_bytes = 0
@@ -52,6 +53,8 @@ contains
     together%repartitions = s%engine%border%repartitions
     together%imbalance = s%engine%border%imbalance
     together%worst = s%engine%border%worst_imbalance
+    together%crowding = s%engine%border%crowding
+    together%worst_crowding = s%engine%border%worst_crowding
     call largest_reals(most)
     together%waited = most(:3)
     together%halo = most(4)
@@ -91,6 +94,8 @@ contains
     type(error_t), allocatable, intent(inout) :: error
     call number("imbalance", together%imbalance)
     call number("imbalance_worst", together%worst)
+    call number("imbalance_particles", together%crowding)
+    call number("imbalance_particles_worst", together%worst_crowding)
     call count("repartitions", together%repartitions)
     call count("repartition_bytes", together%moved_bytes)
     call count("migrated_particles", together%migrated)

@@ -30,9 +30,12 @@ module gimp_border
     integer :: repartition = repartition_balanced
     real :: most_imbalance = 1.1 !! largest work of a rank over the mean
     integer(i8) :: repartitions = 0, sorts = 0
+    real :: best = 1.0 !! imbalance that the last cuts looked for would have left
+    integer(i8) :: tried = 0 !! the sort at which that was
     integer(i8) :: migrated = 0 !! particles that changed their rank at sorts, as far as they left this one
     integer(i8) :: migrated_words = 0, moved_words = 0 !! of such messages, sent by this rank
     real :: imbalance = 1.0, worst_imbalance = 1.0 !! after the last sort, and the largest
+    real :: crowding = 1.0, worst_crowding = 1.0 !! the same of particles: largest number of a rank over the mean
   end type border_t
 
 end module gimp_border

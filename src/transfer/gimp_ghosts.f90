@@ -50,7 +50,10 @@ contains
     end do
     call sort_order(int(to(:n), i8), order)
     list = told(order)
-    to_count = [(count(to(:n) == r, kind=i8), r=0, ranks - 1)]
+    to_count = 0
+    do r = 1, n
+      to_count(to(r)) = to_count(to(r)) + 1
+    end do
     call exchange_words(to_count, list, from_count, heard)
     allocate (ghost_at(3, size(heard)))
     if (allocated(border%ghost_rank)) deallocate (border%ghost_rank)

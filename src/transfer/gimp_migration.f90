@@ -11,10 +11,9 @@ module gimp_migration
   use gimp_sorting, only: sort_order
   use gimp_storage, only: real_bytes
   use gimp_particles, only: particles_t, group_t, allot_chunks
-  use gimp_ranks, only: this_rank, ranks, exchange_words
-  use gimp_over_ranks, only: sum_counts, largest_count
+  use gimp_ranks, only: this_rank, ranks, exchange_words, sum_words, largest_words
   use gimp_cuts, only: find_cuts, rank_of_key, is_mine, work_of_ranks
-  use gimp_border, only: repartition_always, repartition_never
+  use gimp_border, only: border_t, repartition_always, repartition_never
   use gimp_homes, only: shift_chunk
   use gimp_engine, only: engine_t, work_of_pad
   use, intrinsic :: iso_c_binding, only: c_loc, c_f_pointer
@@ -22,6 +21,7 @@ module gimp_migration
   private
   public :: migrate, balance
 
+  integer, parameter :: try_again = 10 !! sorts after which cuts are looked for again that were not good enough
   integer, parameter :: head = 3 !! words before the fields of a particle: number, material, block
 
 contains
@@ -40,10 +40,12 @@ contains
     allocate (to(lanes, engine%particles%chunks), source=-1)
     call find_travellers(engine, gone, to)
     size_of_one = head + words_of(engine%particles%components)
-    to_count = [(size_of_one*count(to == r, kind=i8), r=0, ranks - 1)]
+    call count_travellers(to, to_count)
+    to_count = size_of_one*to_count
     allocate (sent(sum(to_count)), place(0:ranks - 1))
-    do r = 0, ranks - 1
-      place(r) = sum(to_count(:r - 1))
+    place(0) = 0
+    do r = 1, ranks - 1
+      place(r) = place(r - 1) + to_count(r - 1)
     end do
     call pack_travellers(engine%particles, to, size_of_one, place, sent)
     if (.not. allocated(gone)) allocate (gone(lanes, engine%particles%chunks), source=.false.)
@@ -85,7 +87,7 @@ contains
             end if
             n = n + 1
             keys(n) = key(l)
-            work(n) = lanes*work_of_pad
+            work(n) = 0 ! not that of its pad: several ranks may know of the block
           end if
           work(value) = work(value) + 1
         end do
@@ -134,6 +136,19 @@ contains
     !$omp end parallel do
     if (allocated(gone)) where (gone) to = -1
   end subroutine find_travellers
+
+  !> How many go to each rank
+  pure subroutine count_travellers(to, travellers)
+    integer, intent(in) :: to(:, :)
+    integer(i8), intent(out) :: travellers(0:) !! (rank)
+    integer :: c, l
+    travellers = 0
+    do c = 1, size(to, 2)
+      do l = 1, lanes
+        if (to(l, c) >= 0) travellers(to(l, c)) = travellers(to(l, c)) + 1
+      end do
+    end do
+  end subroutine count_travellers
 
   !> Whether all blocks around one are of this rank. No particle moves farther between two sorts: runs stop before.
   pure logical function all_stay(engine, at)
@@ -253,7 +268,7 @@ contains
     type(engine_t), intent(inout) :: engine
     integer, allocatable, intent(inout) :: block_at(:, :) !! (3, block)
     integer(i8) :: work(size(block_at, 2)), key(size(block_at, 2)), cut(0:ranks), shares(0:ranks - 1)
-    real :: now, after
+    real :: now(2), after
     integer :: b
     if (ranks == 1) return
     associate (border => engine%border, particles => engine%particles)
@@ -263,23 +278,26 @@ contains
         work(b) = work_of_pad + particles%groups(particles%block_group(b + 1) - 1)%last &
                   - particles%groups(particles%block_group(b))%first + 1
       end do
-      now = imbalance_of(sum(work))
-      border%imbalance = now
+      now = imbalance_of([sum(work), particles%n])
       if (border%repartition == repartition_always) then
         call find_cuts(key, work*chance_weight(key, border%sorts), cut)
         call hand_over(engine, block_at, key, cut)
-        now = imbalance_of(sum(work_here(engine)))
-      else if (border%repartition /= repartition_never .and. now > border%most_imbalance) then
+        now = imbalance_of([sum(work_here(engine)), particles%n])
+      else if (worth_a_try(border, now(1))) then
         call find_cuts(key, work, cut)
         call work_of_ranks(key, work, cut, shares)
         after = real(maxval(shares)*ranks)/max(1.0, real(sum(shares)))
-        if (after < 0.5*(now + 1.0)) then ! it must be worth the messages: blocks are not cut
+        border%best = after
+        border%tried = border%sorts
+        if (is_worth_it(now(1), after)) then
           call hand_over(engine, block_at, key, cut)
-          now = after
+          now = imbalance_of([sum(work_here(engine)), particles%n])
         end if
       end if
-      border%imbalance = now
-      border%worst_imbalance = max(border%worst_imbalance, now)
+      border%imbalance = now(1)
+      border%worst_imbalance = max(border%worst_imbalance, now(1))
+      border%crowding = now(2)
+      border%worst_crowding = max(border%worst_crowding, now(2))
     end associate
   end subroutine balance
 
@@ -289,10 +307,30 @@ contains
     weight = 1 + modulo((1 + modulo(key, 2_i8**24))*(2*modulo(sorts, 2_i8**16) + 1)*40503/2**7, 16_i8)
   end function chance_weight
 
-  !> Largest work of a rank over the mean. Collective
-  real function imbalance_of(work)
-    integer(i8), intent(in) :: work
-    imbalance_of = real(largest_count(work))*ranks/max(1.0, real(sum_counts(work)))
+  !> Whether cuts are to be looked for. Where blocks are few and cannot lie more evenly that is not done at every sort
+  pure logical function worth_a_try(border, now)
+    type(border_t), intent(in) :: border
+    real, intent(in) :: now !! imbalance
+    worth_a_try = border%repartition /= repartition_never .and. now > border%most_imbalance
+    if (border%tried > 0) worth_a_try = worth_a_try .and. (is_worth_it(now, border%best) .or. border%sorts >= border%tried + try_again)
+  end function worth_a_try
+
+  !> Whether a better balance is worth its messages: it must halve the imbalance
+  pure logical function is_worth_it(now, after)
+    real, intent(in) :: now, after
+    is_worth_it = after < 0.5*(now + 1.0)
+  end function is_worth_it
+
+  !> Largest amounts of a rank over their means. Collective
+  function imbalance_of(amount) result(imbalance)
+    integer(i8), intent(in) :: amount(:)
+    real :: imbalance(size(amount))
+    integer(i8) :: most(size(amount)), all_of_it(size(amount))
+    most = amount
+    all_of_it = amount
+    call largest_words(most)
+    call sum_words(all_of_it)
+    imbalance = real(most)*ranks/max(1.0, real(all_of_it))
   end function imbalance_of
 
   !> Counted work of this rank, by blocks
