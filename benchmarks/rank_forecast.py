@@ -122,7 +122,7 @@ def draw(path, lines):
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
     machine = Machine()
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.4))
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5.2))
     cores = np.logspace(2, 5.5, 60)
     for color, particles in zip(("tab:blue", "tab:orange", "tab:green"), (1e8, 1e9, 1e10)):
         for threads, style in ((1, "-"), (16, "--")):
@@ -131,17 +131,17 @@ def draw(path, lines):
                 times = step_time(machine, particles, c, threads)
                 found.append((times["particles"] + times["nodes"])/sum(times.values()))
             left.semilogx(cores, found, style, color=color, label=f"$10^{{{round(np.log10(particles))}}}$ particles, {threads} thread{'s'*(threads > 1)} a rank")
-    left.set(xlabel="cores", ylabel="parallel efficiency", ylim=(0, 1.02), title="predicted, HDR network")
+    left.set(xlabel="cores", ylabel="parallel efficiency", ylim=(0, 1.02), title="predicted, HDR network, nodes of 64 cores")
     left.grid(alpha=0.3)
-    left.legend(fontsize=8, loc="lower left")
+    left.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=2)
     mine = np.logspace(3, 7, 60)  # particles of a core
     ranks = 1e4
     found = [step_time(machine, m*ranks, ranks, 1) for m in mine]
     names = list(found[0])
     heights = np.array([[t[name]/sum(t.values()) for t in found] for name in names])
     right.stackplot(mine, heights, labels=names, colors=plt.cm.tab20.colors[:len(names)])
-    right.set(xscale="log", xlabel="particles a core", ylabel="share of a step", xlim=(mine[0], mine[-1]), ylim=(0, 1), title="$10^4$ ranks of one thread")
-    right.legend(fontsize=8, loc="lower right")
+    right.set(xscale="log", xlabel="particles a core", ylabel="share of a step", xlim=(mine[0], mine[-1]), ylim=(0, 1), title="where the time goes: $10^4$ ranks of one thread")
+    right.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncol=3)
     figure.tight_layout()
     figure.savefig(path, dpi=110)
     plt.close(figure)

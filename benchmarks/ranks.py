@@ -33,7 +33,7 @@ from rank_counts import markdown
 REPOSITORY = bench_paths.REPOSITORY
 DOCUMENT = REPOSITORY / "docs" / "scaling.md"
 FIGURE = REPOSITORY / "docs" / "figures" / "scaling.png"
-COLUMN = REPOSITORY / "inputs" / "benchmark" / "column_collapse.nml"
+COLUMN = REPOSITORY / "inputs" / "ranks" / "column_collapse.nml"
 PARTS = ("counts", "balance", "speed", "predict")
 
 
