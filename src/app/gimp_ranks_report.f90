@@ -61,9 +61,9 @@ contains
   end subroutine measure_together
 
   !> Lines for the closing table, separated by new lines; nothing for one rank
-  function together_words(together, stepping, steps) result(words)
+  function together_words(together, all_seconds, steps) result(words)
     type(together_t), intent(in) :: together
-    real(dp), intent(in) :: stepping !! [s]
+    real(dp), intent(in) :: all_seconds !! set-up, stepping and output [s]
     integer(i8), intent(in) :: steps !! taken by this program
     character(len=:), allocatable :: words
     words = ""
@@ -74,7 +74,7 @@ contains
       //"  pads               "//short_number(real(together%pad_bytes, dp)/max(1_i8, steps))//"B in " &
       //text_of(real(together%pad_messages, dp)/max(1_i8, steps), 3)//" messages a step of all ranks; up to " &
       //text_of(together%halo, 2)//" ghosts a block; repartition "//short_number(real(together%moved_bytes, dp))//"B in all"//new_line("a") &
-      //"  waited             pads "//share(1)//", lists "//share(2)//", reductions "//share(3)//" of stepping on the rank that waits most" &
+      //"  waited             pads "//share(1)//", lists "//share(2)//", reductions "//share(3)//" of the run on the rank that waits most" &
       //new_line("a")//"  memory             "//short_number(real(together%memory, dp))//"B at most on a rank"
 
   contains
@@ -82,7 +82,7 @@ contains
     function share(k) result(text)
       integer, intent(in) :: k
       character(len=:), allocatable :: text
-      text = text_of(nint(100.0_dp*together%waited(k)/max(stepping, 1.0e-9_dp)))//" %"
+      text = text_of(nint(100.0_dp*together%waited(k)/max(all_seconds, 1.0e-9_dp)))//" %"
     end function share
 
   end function together_words

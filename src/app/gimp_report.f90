@@ -303,7 +303,7 @@ contains
     call line("  seconds            "//text_of(costs%stepping, 3)//" stepping (particles "//text_of(nint(particles)) &
               //" %, grid "//text_of(nint(grid))//" %, sort "//text_of(nint(sorting))//" %), " &
               //text_of(costs%output, 3)//" output, "//text_of(costs%setup, 3)//" set-up")
-    if (ranks > 1) call line(together_words(together, costs%stepping, s%step - costs%steps_before))
+    if (ranks > 1) call line(together_words(together, costs%stepping + costs%output + costs%setup, s%step - costs%steps_before))
     call line("  energy_residual    "//text_of(energy_residual(s%books), 3)//"   (books; round-off is right)")
     call line("  energy_drift       "//text_of(energy_drift(s%books), 3) &
               //"   (kinetic + stored + dissipated - work, of the largest energy exchanged)")
