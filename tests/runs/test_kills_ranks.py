@@ -55,6 +55,12 @@ def kill(dice, kind, run):
     return True
 
 
+def wait_for_ranks(run):
+    """Until they have started, or the run has ended"""
+    while run.poll() is None and not processes_of(run.pid, "gimp_mpi.x"):
+        time.sleep(0.01)
+
+
 def is_alive(pid):
     try:
         with open(f"/proc/{pid}/stat") as file:
@@ -72,8 +78,10 @@ def run_with_kills(gimp_x, whole, folder, kind, dice):
     for _ in range(100):
         run = Way(gimp_x.with_name("gimp_mpi.x"), dice.randint(2, 4), 1).start(text, folder, *arguments)
         killed = False
+        if kills < EACH:
+            wait_for_ranks(run)
         try:
-            run.wait(timeout=dice.uniform(0.1, 0.45)*seconds if kills < EACH else 300)
+            run.wait(timeout=dice.uniform(0.0, 0.4)*seconds if kills < EACH else 300)
         except subprocess.TimeoutExpired:
             killed = kill(dice, kind, run)
             run.wait(timeout=300)
