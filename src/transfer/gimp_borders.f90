@@ -20,6 +20,7 @@ module gimp_borders
   private
   public :: build_tables, send_pads, receive_pads, exchange_pads, exchange_entries, widen_border
 
+  integer, parameter :: few_parts = 32 !! not worth waking other threads for
   integer, parameter :: entry_words = 3 + nf !! of what goes beyond pads: slot, block, place, values
 
 contains
@@ -235,59 +236,89 @@ contains
     high(:d) = min(high(:d), pad_high(:d) - 1)
   end subroutine shrink
 
+  !> Fill the messages: of each part whether the outermost nodes of its pad are in use, then its nodes
   subroutine pack_pads(engine, all_of_them)
     type(engine_t), intent(inout) :: engine
     logical, intent(in) :: all_of_them
+    integer(i8) :: at(size(engine%border%give%block)), word ! at: where each part begins
     logical :: drifted
-    real(wp), pointer, contiguous :: nodes(:)
-    integer(i8) :: word
-    integer :: k, q, low(3), high(3), n
+    integer :: k, q
     associate (channel => engine%border%channel, give => engine%border%give)
       do k = 1, size(channel%to)
         word = channel%to_first(k)
         do q = give%first(k), give%first(k + 1) - 1
-          low = give%low(:, q)
-          high = give%high(:, q)
+          at(q) = word
           drifted = engine%drifted(give%block(q)) .or. all_of_them
-          call shrink(engine, drifted, low, high)
           channel%out(word) = merge(1_i8, 0_i8, drifted)
-          word = word + 1
-          n = product(max(0, high - low + 1))
-          if (n == 0) cycle
-          call c_f_pointer(c_loc(channel%out(word)), nodes, [nf*n])
-          call take_part(pad_edge(engine%grid%dim, engine%basis), low + pad_shift(engine), high + pad_shift(engine), &
-                         engine%pad(:, :, give%block(q)), nodes)
-          word = word + node_words(n)
+          word = word + 1 + part_words(engine, drifted, give%low(:, q), give%high(:, q))
         end do
         channel%to_words(k) = word - channel%to_first(k)
       end do
+      !$omp parallel do schedule(static) if(size(at) > few_parts)
+      do q = 1, size(at)
+        call move_part(engine, channel%out(at(q)) == 1, give%low(:, q), give%high(:, q), give%block(q), channel%out, at(q) + 1, .true.)
+      end do
+      !$omp end parallel do
     end associate
   end subroutine pack_pads
 
+  !> Take the messages apart
   subroutine unpack_pads(engine)
     type(engine_t), intent(inout) :: engine
-    real(wp), pointer, contiguous :: nodes(:)
-    integer(i8) :: word
-    integer :: k, q, low(3), high(3), n
+    integer(i8) :: at(size(engine%border%get%block)), word
+    integer :: k, q
     associate (channel => engine%border%channel, get => engine%border%get)
       do k = 1, size(channel%from)
         word = channel%from_first(k)
         do q = get%first(k), get%first(k + 1) - 1
-          low = get%low(:, q)
-          high = get%high(:, q)
+          at(q) = word
           engine%drifted(get%block(q)) = channel%in(word) == 1
-          call shrink(engine, engine%drifted(get%block(q)), low, high)
-          word = word + 1
-          n = product(max(0, high - low + 1))
-          if (n == 0) cycle
-          call c_f_pointer(c_loc(channel%in(word)), nodes, [nf*n])
-          call put_part(pad_edge(engine%grid%dim, engine%basis), low + pad_shift(engine), high + pad_shift(engine), nodes, &
-                        engine%pad(:, :, get%block(q)))
-          word = word + node_words(n)
+          word = word + 1 + part_words(engine, channel%in(word) == 1, get%low(:, q), get%high(:, q))
         end do
       end do
+      !$omp parallel do schedule(static) if(size(at) > few_parts)
+      do q = 1, size(at)
+        call move_part(engine, channel%in(at(q)) == 1, get%low(:, q), get%high(:, q), get%block(q), channel%in, at(q) + 1, .false.)
+      end do
+      !$omp end parallel do
     end associate
   end subroutine unpack_pads
+
+  !> Words of the nodes of a part that are in use
+  pure integer(i8) function part_words(engine, drifted, low, high)
+    type(engine_t), intent(in) :: engine
+    logical, intent(in) :: drifted
+    integer, intent(in) :: low(3), high(3)
+    integer :: first(3), last(3)
+    first = low
+    last = high
+    call shrink(engine, drifted, first, last)
+    part_words = node_words(product(max(0, last - first + 1)))
+  end function part_words
+
+  !> Nodes of a part from a pad into a message, or out of a message into a pad
+  subroutine move_part(engine, drifted, low, high, block, words, at, pack)
+    type(engine_t), intent(inout) :: engine
+    logical, intent(in) :: drifted, pack
+    integer, intent(in) :: low(3), high(3), block
+    integer(i8), intent(inout), contiguous, target :: words(:) !! of all messages
+    integer(i8), intent(in) :: at !! where its nodes begin there
+    real(wp), pointer, contiguous :: nodes(:)
+    integer :: first(3), last(3), n
+    first = low
+    last = high
+    call shrink(engine, drifted, first, last)
+    n = product(max(0, last - first + 1))
+    if (n == 0) return
+    first = first + pad_shift(engine)
+    last = last + pad_shift(engine)
+    call c_f_pointer(c_loc(words(at)), nodes, [nf*n])
+    if (pack) then
+      call take_part(pad_edge(engine%grid%dim, engine%basis), first, last, engine%pad(:, :, block), nodes)
+    else
+      call put_part(pad_edge(engine%grid%dim, engine%basis), first, last, nodes, engine%pad(:, :, block))
+    end if
+  end subroutine move_part
 
   !> From nodes counted from the first of a block to nodes counted from the first of its pad
   pure function pad_shift(engine) result(shift)
