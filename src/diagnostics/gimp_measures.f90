@@ -1,6 +1,6 @@
 !> What is measured on the particles: energies, momenta, errors against an exact solution, and the hash of the state.
 !>
-!> Every sum is formed per group of particles and then added in block order, so that it does not depend on how a run is cut.
+!> Every sum is formed per group of particles and then added exactly, so that it does not depend on how a run is cut.
 module gimp_measures
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_over_ranks, only: sum_columns, sum_counts, largest_reals

@@ -40,7 +40,7 @@ module gimp_engine
   integer, parameter :: affine_none = 0, affine_apic = 1, affine_tpic = 2, affine_mls = 3
   integer, parameter :: anti_none = 0, anti_f_bar = 1, anti_b_bar = 2, anti_cell_stress = 3 !! remedies against locking
 
-  !> Sums of a block over one pass, added in block order afterwards
+  !> Sums of a block over one pass, added exactly afterwards
   integer, parameter :: sum_kinetic = 1, sum_external = 2, sum_plastic = 3, sum_clamped = 4, sum_wide = 5, &
     sum_impulse = 6, sum_affine = 9, sum_detached = 10, sum_handed = 11, sum_handed_impulse = 12, n_sums = 12
   !! 6-8: impulse of the forces on particles; 9: energy of their affine part; 11-12: particles whose nodes handed on force, and the
