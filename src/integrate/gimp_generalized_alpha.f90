@@ -175,7 +175,7 @@ contains
   subroutine update_all(s, step)
     type(stepper_t), intent(inout) :: s
     type(alpha_step_t), intent(in) :: step
-    real(dp), allocatable :: part(:, :) ! (n_node_sums, slot): added in the order of slots
+    real(dp), allocatable :: part(:, :) ! (n_node_sums, slot)
     real(dp) :: sums(n_node_sums)
     integer :: slot
     associate (engine => s%engine, table => s%engine%table)

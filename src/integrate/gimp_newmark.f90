@@ -100,7 +100,7 @@ contains
     type(walls_t) :: before, after
     real(wp) :: gravity(3)
     real(dp) :: start, sums(n_sums)
-    real(dp), allocatable :: part(:, :) ! (n_sums, slot): added in the order of slots
+    real(dp), allocatable :: part(:, :) ! (n_sums, slot)
     integer :: lost
     start = seconds_now()
     gravity = real(gravity_at(s%loads, time), wp)

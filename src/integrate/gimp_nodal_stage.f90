@@ -28,7 +28,7 @@ contains
     integer, intent(in) :: stage
     real(dp), intent(in) :: kick
     type(node_step_t) :: step
-    real(dp), allocatable :: part(:, :) ! (n_node_sums, slot): added in the order of slots
+    real(dp), allocatable :: part(:, :) ! (n_node_sums, slot)
     real(dp) :: sums(n_node_sums), start
     real(wp) :: raw(nf, nodes_per_block)
     integer :: slot, lost
