@@ -27,7 +27,8 @@ class Machine:
     message: float = 0.4e-6  # time of a core for each message sent or received [s]
     bandwidth: float = 25e9  # of a node [B/s]: HDR, 200 Gb/s
     cores: int = 64  # of a node, which share it
-    copy: float = 4e9  # packing, handing over within a node, unpacking: one thread of a rank each [B/s]
+    copy: float = 4e9  # packing, handing over within a node, unpacking: a thread [B/s]
+    packers: int = 10  # threads of a rank that are worth their while in packing, at most: they share memory (assumed)
     passes: int = 1  # whose pads are sent, a step: USL
     reductions: int = 3  # a step
     drifted: float = 0.3  # share of the blocks at borders whose pads are used to their end
@@ -81,7 +82,7 @@ def step_time(machine, particles, cores, threads):
     if ranks > 1:
         node_bytes = bytes_of(machine, share(blocks*machine.cores/threads)) if cores > machine.cores else 0.0  # what leaves it; its ranks are neighbours
         rounds = ceil(log2(ranks))
-        times["packing"] = 2*pad_bytes/machine.copy + 2*machine.passes*has["messages"]*machine.message
+        times["packing"] = 2*pad_bytes/machine.copy/min(threads, machine.packers) + 2*machine.passes*has["messages"]*machine.message
         network = machine.passes*machine.latency + pad_bytes/machine.copy + node_bytes/machine.bandwidth
         times["pads, not hidden"] = max(0.0, network - times["particles"]*(1 - has["border"]/blocks))
         times["reductions"] = machine.reductions*2*machine.latency*rounds
