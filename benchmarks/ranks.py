@@ -107,7 +107,7 @@ def speed(arguments):
     found = {}
     for name, (first, second, factor) in ratios.items():
         values = [factor*a/b for a, b in zip(times[first], times[second])]
-        low, _, high = statistics.quantiles(values, n=4) if len(values) > 1 else values*3
+        low, _, high = statistics.quantiles(values, n=4, method="inclusive") if len(values) > 1 else values*3
         found[name] = {"median": statistics.median(values), "quartiles": [low, high]}
     rows = [[name, f"{told['median']:.2f}", f"{told['quartiles'][0]:.2f}-{told['quartiles'][1]:.2f}"] for name, told in found.items()]
     words = (f"`cube3d` with `ugimp`, FLIP and USL, {count_of(side)} particles (weak: {count_of(half)} a rank), {steps} steps, {pairs} rounds in turns, "
