@@ -231,8 +231,9 @@ def with_checkpoints(text, **keys):
 
 def on_threads(text, threads, **keys):
     """With the keys of &parallel"""
-    keys = {"threads": threads, **keys}
-    return text + "\n&parallel " + " ".join(f"{key} = {namelist.format_value(value)}" for key, value in keys.items()) + " /\n"
+    for key, value in {"threads": threads, **keys}.items():
+        text = namelist.set_key(text, f"parallel.{key}", value)
+    return text
 
 
 def run_in_parts(run, folder, text, at, total, threads):
