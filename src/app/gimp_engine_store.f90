@@ -8,9 +8,9 @@ module gimp_engine_store
   use gimp_text, only: text_of
   use gimp_sorting, only: sort_order
   use gimp_shares, only: share_t, items_of_share
-  use gimp_ranks, only: this_rank, ranks, gather_words, sum_words
+  use gimp_ranks, only: this_rank, ranks, gather_words
   use gimp_over_ranks, only: share_error, sum_counts
-  use gimp_cuts, only: find_cuts, rank_of_key
+  use gimp_cuts, only: find_cuts, work_of_ranks
   use gimp_hash_table, only: find_key
   use gimp_grid, only: nf => fields_per_node, block_key
   use gimp_particles, only: group_t
@@ -276,13 +276,7 @@ contains
     integer(i8), intent(in) :: keys(:), rows(:) !! ascending keys, and how many rows belong to each
     integer(i8), intent(in) :: cut(0:) !! first key of each rank
     integer(i8) :: own(2), owned(0:ranks - 1)
-    integer :: k, r
-    owned = 0
-    do k = 1, size(keys)
-      r = rank_of_key(cut, keys(k))
-      owned(r) = owned(r) + rows(k)
-    end do
-    call sum_words(owned)
+    call work_of_ranks(keys, rows, cut, owned)
     own = [sum(owned(:this_rank - 1)) + 1, sum(owned(:this_rank))]
   end function rows_of_rank
 
