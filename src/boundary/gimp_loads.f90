@@ -259,24 +259,28 @@ contains
   end function sum_of_loads
 
   !> Add the loads to the forces of the nodes (fields 5-7), with tents or splines at the points. Collective
-  subroutine add_loads(loads, engine, slots, masses, cutoff, raw, lost)
+  subroutine add_loads(loads, engine, slots, masses, cutoff, raw, lost, turned)
     type(loads_t), intent(in) :: loads
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: slots
     real(wp), intent(in) :: masses(nf, nodes_per_block, slots) !! field 4: nodal masses, images folded
     real(wp), intent(in) :: cutoff !! nodes with less mass do not move [kg]
     real(wp), intent(inout) :: raw(nf, nodes_per_block, slots)
+    real(dp), intent(out) :: turned(3) !! what planes of symmetry add to the forces, as they turn around what goes to their images [N]
     integer, intent(inout) :: lost !! points without a node of mass around them, so that their force is lost
     type(spill_t) :: given
     real(wp) :: s(most), sign(3, most), value(nf)
+    real(dp) :: part(3, loads%n)
     integer :: q, k, n, slot(most), place(most), nowhere
     value = 0.0_wp
     nowhere = 0
+    part = 0.0_dp
     do q = 1, loads%n
       call find_nodes(engine, slots, masses, cutoff, loads%block(q), loads%x(:, q), n, slot, place, s, sign)
       if (n == 0) nowhere = nowhere + 1
       do k = 1, n
         value(5:7) = real(s(k)*sign(:, k)*loads%f(:, q), wp)
+        part(:, q) = part(:, q) + s(k)*(sign(:, k) - 1.0_wp)*loads%f(:, q)
         if (ranks > 1) then ! nodes may be of several ranks: they all add in the order of blocks
           call add_spill(given, loads%block(q), slot(k), place(k), value)
         else
@@ -285,6 +289,8 @@ contains
       end do
     end do
     lost = lost + int(sum_counts(int(nowhere, i8)))
+    turned = 0.0_dp
+    if (any(engine%grid%mirror_low) .or. any(engine%grid%mirror_high)) call sum_columns(part, turned)
     if (ranks == 1) return
     call exchange_entries(engine, given)
     do k = 1, given%n

@@ -106,16 +106,18 @@ contains
     type(stepper_t), intent(inout) :: s
     type(error_t), allocatable, intent(out) :: error
     type(alpha_step_t) :: step
-    real(dp) :: start
+    real(dp) :: start, turned(3)
     start = seconds_now()
     call begin_step(s, step)
-    call gather_forces(s)
+    call gather_forces(s, turned)
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
     if (.not. step%first) call run_pass(s, pass_t(inertia=.true., old_weights=.true.), error)
     if (allocated(error)) return
     start = seconds_now()
     call gather_memory(s) ! in the first step for the array alone
     call update_all(s, step)
+    s%books%impulse = s%books%impulse + s%dt*turned
+    s%books%reaction = s%books%reaction + turned
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
     call run_pass(s, pass_t(acceleration=.true.), error)
     if (allocated(error)) return
@@ -145,10 +147,12 @@ contains
   end subroutine begin_step
 
   !> Momenta, masses and forces of all nodes into `s%memory`
-  subroutine gather_forces(s)
+  subroutine gather_forces(s, turned)
     type(stepper_t), intent(inout) :: s
+    real(dp), intent(out) :: turned(3) !! what planes of symmetry add to loads [N]
     real(wp), allocatable :: spare(:, :, :)
     integer :: lost
+    turned = 0.0_dp
     call collect_pads(s)
     call remember_images(s, stage_full)
     call fold_images(s%engine%images, s%engine%table%slots, s%raw)
@@ -156,7 +160,7 @@ contains
     if (has_loads(s%loads)) then
       lost = 0
       call copy_masses(s)
-      call add_loads(s%loads, s%engine, s%engine%table%slots, s%engine%g, s%cutoff_mass, s%raw, lost)
+      call add_loads(s%loads, s%engine, s%engine%table%slots, s%engine%g, s%cutoff_mass, s%raw, lost, turned)
       s%books%lost_loads = s%books%lost_loads + lost
     end if
     call move_alloc(s%memory, spare)

@@ -101,7 +101,9 @@ contains
     real(wp) :: gravity(3)
     real(dp) :: start, sums(n_sums)
     real(dp), allocatable :: part(:, :) ! (n_sums, slot)
+    real(dp) :: turned(3)
     integer :: lost
+    turned = 0.0_dp
     start = seconds_now()
     gravity = real(gravity_at(s%loads, time), wp)
     before = s%walls
@@ -115,14 +117,14 @@ contains
     if (has_loads(s%loads)) then
       lost = 0
       call copy_masses(s)
-      call add_loads(s%loads, s%engine, s%engine%table%slots, s%engine%g, s%cutoff_mass, s%raw, lost)
+      call add_loads(s%loads, s%engine, s%engine%table%slots, s%engine%g, s%cutoff_mass, s%raw, lost, turned)
       s%books%lost_loads = s%books%lost_loads + lost
     end if
     allocate (part(n_sums, s%engine%table%slots), source=0.0_dp)
     call find_accelerations(s, gravity, before, after, part)
     call sum_slots(s, part, sums)
-    s%pull = sums(at_pull + 1:at_pull + 3)
-    s%books%reaction = sums(at_reaction + 1:at_reaction + 3)
+    s%pull = sums(at_pull + 1:at_pull + 3) + turned
+    s%books%reaction = sums(at_reaction + 1:at_reaction + 3) + turned
     s%books%cut_nodes = s%books%cut_nodes + nint(sums(at_cut), kind(s%books%cut_nodes))
     call keep_forces(s)
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start

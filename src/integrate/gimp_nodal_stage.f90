@@ -31,6 +31,7 @@ contains
     real(dp), allocatable :: part(:, :) ! (n_node_sums, slot)
     real(dp) :: sums(n_node_sums), start
     real(wp) :: raw(nf, nodes_per_block)
+    real(dp) :: turned(3)
     integer :: slot, lost
     logical :: loaded, at_once
 
@@ -61,7 +62,7 @@ contains
         if (loaded) then
           lost = 0
           if (stage == stage_full) call copy_masses(s) ! the kick finds the masses there already
-          call add_loads(s%loads, engine, table%slots, engine%g, s%cutoff_mass, s%raw, lost)
+          call add_loads(s%loads, engine, table%slots, engine%g, s%cutoff_mass, s%raw, lost, turned)
           s%books%lost_loads = s%books%lost_loads + lost
         end if
         !$omp parallel do schedule(static) if(table%slots > few_blocks)
@@ -72,13 +73,14 @@ contains
         !$omp end parallel do
         call copy_images(engine%images, table%slots, engine%g)
       end if
-      if (loaded) s%books%impulse = s%books%impulse + kick*sum_of_loads(s%loads)
+      if (loaded) s%books%impulse = s%books%impulse + kick*(sum_of_loads(s%loads) + turned)
       if (loaded) s%books%work_external = s%books%work_external + work_of_loads(s%loads, engine, table%slots, engine%g, kick, 0.5_wp)
     end associate
     if (stage /= stage_project) then ! which is not booked
       call sum_slots(s, part, sums)
       sums(book_given) = sums(book_given) + s%sums(sum_affine) ! not a field of the nodes
       call book_stage(s%books, stage, kick, 1.0_dp - flip_now(s), sums)
+      if (loaded) s%books%reaction = s%books%reaction + turned
     end if
     if (has_images(s%engine%grid) .and. (stage == stage_full .or. stage == stage_kick)) call book_images(s, kick)
     s%seconds(phase_grid) = s%seconds(phase_grid) + seconds_now() - start
