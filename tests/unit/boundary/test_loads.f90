@@ -1,6 +1,6 @@
 !> Loads: the total force is exact after stretch and rotation, nodes get all of it with its moment, and work is force times way
 program test_loads
-  use gimp_kinds, only: wp
+  use gimp_kinds, only: wp, dp
   use gimp_grid, only: nodes_per_block, nf => fields_per_node
   use gimp_basis, only: basis_ugimp
   use gimp_engine, only: engine_t
@@ -91,12 +91,14 @@ contains
     real(wp), allocatable :: raw(:, :, :)
     real(wp) :: sums(3), x(3), moment(3), expected(3), work, l(3, 3), x_kind(3), scale
     integer :: s, place, q, lost, node(3)
+    real(dp) :: turned(3)
     allocate (raw(nf, nodes_per_block, engine%table%slots), source=0.0_wp)
     lost = 0
     engine%g = 0.0_wp
     engine%g(4, :, :) = 1.0_wp ! every node has mass
-    call add_loads(loads, engine, engine%table%slots, engine%g, 0.5_wp, raw, lost)
+    call add_loads(loads, engine, engine%table%slots, engine%g, 0.5_wp, raw, lost, turned)
     call check(lost, 0, what//": no point lies on a node that does not exist")
+    call check(maxval(abs(turned)), 0.0_dp, 0.0_dp, what//": without planes of symmetry nothing is turned around")
     l = reshape([0.3_wp, -0.2_wp, 0.1_wp, 0.4_wp, 0.5_wp, -0.6_wp, 0.7_wp, 0.2_wp, -0.9_wp], [3, 3])
     sums = 0.0_wp
     moment = 0.0_wp
@@ -136,11 +138,12 @@ contains
     real(wp), allocatable :: raw(:, :, :)
     real(wp) :: sums(3)
     integer :: k, lost
+    real(dp) :: turned(3)
     allocate (raw(nf, nodes_per_block, engine%table%slots), source=0.0_wp)
     engine%g(4, :, :) = 0.0_wp
     engine%g(4, 1:nodes_per_block:2, :) = 1.0_wp ! every second node along x
     lost = 0
-    call add_loads(loads, engine, engine%table%slots, engine%g, 0.5_wp, raw, lost)
+    call add_loads(loads, engine, engine%table%slots, engine%g, 0.5_wp, raw, lost, turned)
     call check(lost, 0, what//": every second node is enough")
     do k = 1, 3
       sums(k) = sum(raw(4 + k, :, :))
@@ -149,7 +152,7 @@ contains
     call check(maxval(abs(raw(5:7, 2:nodes_per_block:2, :))), 0.0_wp, 0.0_wp, what//": nodes without mass take none")
     raw = 0.0_wp
     lost = 0
-    call add_loads(loads, engine, engine%table%slots, engine%g, 2.0_wp, raw, lost)
+    call add_loads(loads, engine, engine%table%slots, engine%g, 2.0_wp, raw, lost, turned)
     call check(lost, loads%n, what//": without any mass every point is counted as lost")
     call check(maxval(abs(raw)), 0.0_wp, 0.0_wp, what//": and nothing is added")
   end subroutine check_lean_nodes
