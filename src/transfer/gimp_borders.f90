@@ -18,7 +18,7 @@ module gimp_borders
   use, intrinsic :: iso_c_binding, only: c_loc, c_f_pointer
   implicit none(type, external)
   private
-  public :: build_tables, send_pads, receive_pads, exchange_pads, exchange_entries, widen_border
+  public :: build_tables, send_pads, receive_pads, exchange_entries, widen_border
 
   integer, parameter :: few_parts = 32 !! not worth waking other threads for
   integer, parameter :: entry_words = 3 + nf !! of what goes beyond pads: slot, block, place, values
@@ -214,14 +214,6 @@ contains
     call finish_exchange(engine%border%channel)
     call unpack_pads(engine)
   end subroutine receive_pads
-
-  !> Both at once
-  subroutine exchange_pads(engine, all_of_them)
-    type(engine_t), intent(inout) :: engine
-    logical, intent(in) :: all_of_them
-    call send_pads(engine, all_of_them)
-    call receive_pads(engine)
-  end subroutine exchange_pads
 
   !> The part of a pad that is in use: without drift its outermost nodes are not
   pure subroutine shrink(engine, drifted, low, high)
