@@ -23,7 +23,7 @@ module gimp_generalized_alpha
   use gimp_kinds, only: wp, dp
   use gimp_error, only: error_t
   use gimp_timer, only: seconds_now
-  use gimp_grid, only: grid_t, nodes_per_block, nf => fields_per_node, has_images
+  use gimp_grid, only: grid_t, node_at_place, nodes_per_block, nf => fields_per_node, has_images
   use gimp_blocks, only: few_blocks
   use gimp_images, only: fold_images, copy_images
   use gimp_engine, only: pass_t
@@ -258,20 +258,13 @@ contains
 
   contains
 
-    pure function node_of(j) result(node)
-      integer, intent(in) :: j
-      integer :: node(3)
-      node = at*grid%edge + [modulo(j - 1, grid%edge(1)), modulo((j - 1)/grid%edge(1), grid%edge(2)), &
-                             (j - 1)/(grid%edge(1)*grid%edge(2))]
-    end function node_of
-
     subroutine hold_velocity()
       real(wp) :: x(3)
       integer :: j
       do j = 1, n
         if (m(j) <= 0.0_wp) cycle
         x = v(j, :)
-        call constrain(step%before, grid, node_of(j), x)
+        call constrain(step%before, grid, node_at_place(grid, at, j), x)
         v(j, :) = x
       end do
     end subroutine hold_velocity
@@ -287,10 +280,10 @@ contains
         low = 0.0_wp
         high = 0.0_wp
         one = 1.0_wp
-        call constrain(step%before, grid, node_of(j), x)
-        call constrain(step%before, grid, node_of(j), low)
-        call constrain(step%after, grid, node_of(j), high)
-        call constrain(step%before, grid, node_of(j), one)
+        call constrain(step%before, grid, node_at_place(grid, at, j), x)
+        call constrain(step%before, grid, node_at_place(grid, at, j), low)
+        call constrain(step%after, grid, node_at_place(grid, at, j), high)
+        call constrain(step%before, grid, node_at_place(grid, at, j), one)
         free(j, :) = merge(1.0_wp, 0.0_wp, one - low > 0.5_wp)
         a(j, :) = (x - low) + (high - low)/step%node%kick
       end do

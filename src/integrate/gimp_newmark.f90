@@ -18,7 +18,7 @@ module gimp_newmark
   use gimp_kinds, only: wp, dp
   use gimp_error, only: error_t
   use gimp_timer, only: seconds_now
-  use gimp_grid, only: nodes_per_block, has_images
+  use gimp_grid, only: node_at_place, nodes_per_block, has_images
   use gimp_blocks, only: few_blocks
   use gimp_images, only: fold_images, copy_images
   use gimp_engine, only: pass_t, sum_external, sum_impulse
@@ -66,7 +66,7 @@ contains
       do i = 1, nodes_per_block
         u = 0.0_wp
         if (s%raw(4, i, slot) > s%cutoff_mass) u = (s%raw(1:3, i, slot) + 0.5_wp*dt*s%raw(5:7, i, slot))/s%raw(4, i, slot)
-        if (s%held(slot) .and. s%raw(4, i, slot) > s%cutoff_mass) call constrain(s%walls, s%engine%grid, node_of(s, slot, i), u)
+        if (s%held(slot) .and. s%raw(4, i, slot) > s%cutoff_mass) call constrain(s%walls, s%engine%grid, node_at_place(s%engine%grid, s%engine%table%slot_at(:, slot), i), u)
         s%engine%g(1:3, i, slot) = u
         s%engine%g(4, i, slot) = merge(s%raw(4, i, slot), 0.0_wp, s%raw(4, i, slot) > s%cutoff_mass)
         s%engine%g(5:8, i, slot) = 0.0_wp
@@ -168,7 +168,7 @@ contains
         damped = damping*abs(s%raw(5:7, i, slot) + m*gravity)*sign_or_zero(s%raw(1:3, i, slot))
         free = (s%raw(5:7, i, slot) - damped)/m + gravity
         a = free
-        if (s%held(slot)) call hold(s, before, after, node_of(s, slot, i), a)
+        if (s%held(slot)) call hold(s, before, after, node_at_place(s%engine%grid, s%engine%table%slot_at(:, slot), i), a)
         s%raw(1:3, i, slot) = damped
         s%engine%g(1:3, i, slot) = a
         s%engine%g(4, i, slot) = m
@@ -225,8 +225,8 @@ contains
         side = 0.0_wp
         if (s%held(slot)) then
           side = m*(s%engine%g(1:3, i, slot) - gravity) - s%memory(5:7, i, slot) + s%memory(1:3, i, slot)
-          call constrain(after, s%engine%grid, node_of(s, slot, i), with(:, 1))
-          call hold(s, before, after, node_of(s, slot, i), with(:, 2))
+          call constrain(after, s%engine%grid, node_at_place(s%engine%grid, s%engine%table%slot_at(:, slot), i), with(:, 1))
+          call hold(s, before, after, node_at_place(s%engine%grid, s%engine%table%slot_at(:, slot), i), with(:, 2))
         end if
         do k = 1, 2
           part(2*power_forces - 2 + k, slot) = part(2*power_forces - 2 + k, slot) + sum(s%memory(5:7, i, slot)*with(:, k))
@@ -276,15 +276,5 @@ contains
     s%books%given = s%books%given - work(power_lost)
     s%books%impulse = s%books%impulse + kick*s%pull
   end subroutine book_kick
-
-  !> Coordinates of a node
-  pure function node_of(s, slot, place) result(node)
-    type(stepper_t), intent(in) :: s
-    integer, intent(in) :: slot, place
-    integer :: node(3)
-    associate (e => s%engine%grid%edge)
-      node = s%engine%table%slot_at(:, slot)*e + [modulo(place - 1, e(1)), modulo((place - 1)/e(1), e(2)), (place - 1)/(e(1)*e(2))]
-    end associate
-  end function node_of
 
 end module gimp_newmark

@@ -5,7 +5,7 @@
 !> (gimp_light_nodes), 8 says between the velocity and the kick how much of it.
 module gimp_nodes
   use gimp_kinds, only: wp, dp, lanes
-  use gimp_grid, only: grid_t, nodes_per_block, nf => fields_per_node
+  use gimp_grid, only: grid_t, node_at_place, nodes_per_block, nf => fields_per_node
   use gimp_walls, only: walls_t, constrain
   use gimp_light_nodes, only: light_field
   use gimp_kernels, only: to_lanes, to_fields
@@ -97,13 +97,6 @@ contains
 
   contains
 
-    pure function node_of(i) result(node)
-      integer, intent(in) :: i
-      integer :: node(3)
-      node = at*grid%edge + [modulo(i - 1, grid%edge(1)), modulo((i - 1)/grid%edge(1), grid%edge(2)), &
-                             (i - 1)/(grid%edge(1)*grid%edge(2))]
-    end function node_of
-
     !> Conditions on a velocity before the kick. Particles feel it only through the PIC share of the transfer
     subroutine hold(u, book)
       real(wp), intent(inout) :: u(n, 3)
@@ -113,7 +106,7 @@ contains
       do j = 1, n
         if (m(j) <= 0.0_wp) cycle
         free = u(j, :)
-        call constrain(walls, grid, node_of(j), u(j, :))
+        call constrain(walls, grid, node_at_place(grid, at, j), u(j, :))
         if (.not. book) cycle
         sums(book_held:book_held + 2) = sums(book_held:book_held + 2) + real(m(j)*(u(j, :) - free), dp)
         sums(book_pushed) = sums(book_pushed) + real(m(j)*sum((u(j, :) - free)*u(j, :)), dp)
@@ -127,7 +120,7 @@ contains
       do j = 1, n
         if (m(j) <= 0.0_wp) cycle
         free = w(j, :)
-        call constrain(walls, grid, node_of(j), w(j, :))
+        call constrain(walls, grid, node_at_place(grid, at, j), w(j, :))
         impulse = m(j)*(w(j, :) - free)
         sums(book_reaction:book_reaction + 2) = sums(book_reaction:book_reaction + 2) + real(impulse, dp)
         sums(book_walls) = sums(book_walls) + real(0.5_wp*sum(impulse*(v(j, :) + w(j, :))), dp)

@@ -12,7 +12,7 @@ module gimp_series
   use gimp_error, only: error_t
   use gimp_timer, only: seconds_now
   use gimp_over_ranks, only: sum_columns
-  use gimp_grid, only: grid_t, nodes_per_block, nf => fields_per_node, node_mass, has_images
+  use gimp_grid, only: grid_t, node_at_place, nodes_per_block, nf => fields_per_node, node_mass, has_images
   use gimp_blocks, only: few_blocks
   use gimp_images, only: fold_images, copy_images
   use gimp_engine, only: pass_t, motion_grid, motion_mean, motion_change
@@ -173,8 +173,7 @@ contains
       dv = g(1:3, i) - raw(1:3, i)/g(node_mass, i)
       g(1:3, i) = dv
       if (.not. held) cycle
-      call constrain_change(walls, grid, at*grid%edge + [modulo(i - 1, grid%edge(1)), modulo((i - 1)/grid%edge(1), grid%edge(2)), &
-                                                         (i - 1)/(grid%edge(1)*grid%edge(2))], g(1:3, i))
+      call constrain_change(walls, grid, node_at_place(grid, at, i), g(1:3, i))
       impulse(4:6) = impulse(4:6) + real(g(node_mass, i)*(g(1:3, i) - dv), dp)
     end do
   end subroutine subtract

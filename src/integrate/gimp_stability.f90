@@ -20,7 +20,7 @@
 module gimp_stability
   use gimp_kinds, only: wp, dp, lanes
   use gimp_over_ranks, only: sum_of, largest_reals
-  use gimp_grid, only: nodes_per_block, nf => fields_per_node, has_images
+  use gimp_grid, only: node_at_place, nodes_per_block, nf => fields_per_node, has_images
   use gimp_blocks, only: neighbour, few_blocks
   use gimp_basis, only: weight_list_t
   use gimp_particle_list, only: particle_list
@@ -265,7 +265,7 @@ contains
     q = 0.0_wp
     do s = 1, engine%table%slots
       do i = 1, nodes_per_block
-        node = node_at(engine, s, i)
+        node = node_at_place(engine%grid, engine%table%slot_at(:, s), i)
         do d = 1, engine%grid%dim
           x = 43758.5453_wp*sin(12.9898_wp*node(1) + 78.233_wp*node(2) + 37.719_wp*node(3) + d)
           q(d, i, s) = x - floor(x) - 0.5_wp
@@ -289,16 +289,6 @@ contains
     product_of = sum_of(part)
   end function product_of
 
-  !> Coordinates of a node
-  pure function node_at(engine, slot, place) result(node)
-    type(engine_t), intent(in) :: engine
-    integer, intent(in) :: slot, place
-    integer :: node(3)
-    associate (e => engine%grid%edge)
-      node = engine%table%slot_at(:, slot)*e + [modulo(place - 1, e(1)), modulo((place - 1)/e(1), e(2)), (place - 1)/(e(1)*e(2))]
-    end associate
-  end function node_at
-
   !> Leave out what the sides hold, and give images the values of the nodes they stand for
   subroutine obey(engine, walls, frozen, x)
     type(engine_t), intent(in) :: engine
@@ -311,9 +301,9 @@ contains
       if (.not. frozen%held(s)) cycle
       do i = 1, nodes_per_block
         free = x(:, i, s)
-        call constrain(walls, engine%grid, node_at(engine, s, i), free)
+        call constrain(walls, engine%grid, node_at_place(engine%grid, engine%table%slot_at(:, s), i), free)
         moved = 0.0_wp ! of sides that move only the change counts
-        call constrain(walls, engine%grid, node_at(engine, s, i), moved)
+        call constrain(walls, engine%grid, node_at_place(engine%grid, engine%table%slot_at(:, s), i), moved)
         x(:, i, s) = free - moved
       end do
     end do

@@ -8,7 +8,7 @@ module gimp_grid
   implicit none(type, external)
   private
   public :: grid_t, make_grid, block_edge, nodes_per_block, block_key, keys_around, block_at_key, fields_per_node
-  public :: node_mass, longest_axis, block_of_node, has_images, canonical_node, low_side_node, high_side_node
+  public :: node_mass, longest_axis, block_of_node, has_images, canonical_node, low_side_node, high_side_node, node_at_place
 
   integer, parameter :: nodes_per_block = 64
   integer, parameter :: fields_per_node = 8 !! one cache line: three components, mass, three components, energy
@@ -24,6 +24,8 @@ module gimp_grid
     integer :: edge(3) = 1 !! nodes along the edges of a block
     logical :: periodic(3) = .false. !! axes that close on themselves
     logical :: mirror_low(3) = .false., mirror_high(3) = .false. !! planes of symmetry
+    logical :: is_mesh = .false. !! an unstructured mesh: node k is (k, 0, 0), a slot holds the nodes 64 at + 1 to 64 at + 64, blocks are its
+    !! patches, and positions refer to the corner of the box whatever the block (edge = 0)
     integer :: open_degree = 0 !! degree of an open-knot spline whose functions are the nodes; 0: nodes are what they seem
   end type grid_t
 
@@ -109,6 +111,20 @@ contains
     integer :: at(3)
     at = (node - modulo(node, grid%edge))/grid%edge
   end function block_of_node
+
+  !> Coordinates of the node at place 1..64 of the block of nodes at `at`
+  pure function node_at_place(grid, at, place) result(node)
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: at(3), place
+    integer :: node(3)
+    if (grid%is_mesh) then
+      node = [nodes_per_block*at(1) + place, 0, 0]
+      return
+    end if
+    associate (e => grid%edge, k => place - 1)
+      node = at*e + [modulo(k, e(1)), modulo(k/e(1), e(2)), k/(e(1)*e(2))]
+    end associate
+  end function node_at_place
 
   !> Whether some nodes stand for others: periodic or symmetric sides
   pure logical function has_images(grid)
