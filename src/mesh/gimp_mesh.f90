@@ -6,12 +6,14 @@
 !> Kinds and the order of their nodes are those of VTK: corners first (2D counter-clockwise), then middles of sides (side s from corner s
 !> to corner s + 1), then the centre.
 module gimp_mesh
-  use gimp_kinds, only: wp, dp
+  use gimp_kinds, only: wp
+  use gimp_text, only: text_of
   implicit none(type, external)
   private
   public :: mesh_t
   public :: line2, triangle3, triangle6, quad4, quad8, quad9, tetrahedron4, hexahedron8, n_kinds
   public :: kind_name, kind_dim, kind_nodes, kind_corners, kind_sides, side_corners, side_of_kind, most_side_corners
+  public :: group_name_length, side_nodes, element_label
 
   integer, parameter :: line2 = 1, triangle3 = 2, triangle6 = 3, quad4 = 4, quad8 = 5, quad9 = 6, tetrahedron4 = 7, hexahedron8 = 8, &
     n_kinds = 8
@@ -23,6 +25,7 @@ module gimp_mesh
   integer, parameter :: kind_sides(n_kinds) = [2, 3, 3, 4, 4, 4, 4, 6] !! sides are points, edges or faces
   integer, parameter :: side_corners(n_kinds) = [1, 2, 2, 2, 2, 2, 3, 4] !! corners of each side
   integer, parameter :: most_side_corners = 4
+  integer, parameter :: group_name_length = 32
 
   !> Corners of the faces of solids, seen from outside counter-clockwise
   integer, parameter :: tetrahedron_faces(3, 4) = reshape([1, 3, 2, 1, 2, 4, 2, 3, 4, 3, 1, 4], [3, 4])
@@ -35,16 +38,20 @@ module gimp_mesh
     integer, allocatable :: kind(:) !! (element)
     integer, allocatable :: node(:, :) !! (most nodes of an element here, element); 0 beyond those of its kind
     integer, allocatable :: node_in_file(:), element_in_file(:) !! numbers for messages; elements count within their kind
-    ! connections
+    character(len=group_name_length), allocatable :: element_group_name(:)
+    integer, allocatable :: element_group(:) !! (element) 0: none
+    ! named sides, as the file has them
+    integer, allocatable :: named_side_node(:, :) !! (most_side_corners, named side) corners in any order; 0 beyond them
+    integer, allocatable :: named_side_group(:) !! (named side)
+    character(len=group_name_length), allocatable :: side_group_name(:)
+    ! connections, made by connect_mesh
     integer, allocatable :: vertex_first(:) !! (node + 1) where its elements begin in `vertex_element`
     integer, allocatable :: vertex_element(:) !! elements that have a node as a corner, ascending
-    integer, allocatable :: across(:, :) !! (most sides of an element here, element) element beyond a side, or minus the number of a boundary side
+    integer, allocatable :: across(:, :) !! (most sides of an element here, element) element beyond a side, or minus the number of a
+    !! boundary side; 0 beyond the sides of its kind
     ! boundary sides, numbered in the order of elements and sides
     integer, allocatable :: side_element(:), side_number(:) !! (boundary side) the element it belongs to, and which of its sides it is
     integer, allocatable :: side_group(:) !! (boundary side) 0: none
-    character(len=32), allocatable :: side_group_name(:)
-    integer, allocatable :: element_group(:) !! (element) 0: none
-    character(len=32), allocatable :: element_group_name(:)
   end type mesh_t
 
 contains
@@ -67,5 +74,26 @@ contains
       end if
     end select
   end function side_of_kind
+
+  !> Nodes at the corners of side s of element e, 0 beyond them; outward by the right-hand rule
+  pure function side_nodes(mesh, e, s) result(node)
+    type(mesh_t), intent(in) :: mesh
+    integer, intent(in) :: e, s
+    integer :: node(most_side_corners)
+    integer :: corner(most_side_corners), k
+    corner = side_of_kind(mesh%kind(e), s)
+    node = 0
+    do k = 1, side_corners(mesh%kind(e))
+      node(k) = mesh%node(corner(k), e)
+    end do
+  end function side_nodes
+
+  !> An element as messages name it: "triangle3 element 17", the number being that of the file
+  pure function element_label(mesh, e) result(label)
+    type(mesh_t), intent(in) :: mesh
+    integer, intent(in) :: e
+    character(len=:), allocatable :: label
+    label = trim(kind_name(mesh%kind(e)))//" element "//text_of(mesh%element_in_file(e))
+  end function element_label
 
 end module gimp_mesh
