@@ -42,6 +42,6 @@ def start_again():
     sys.exit(f"{Path(sys.argv[0]).name}: this Python lacks {', '.join(missing)} (pip install {' '.join(missing)}, or ./bootstrap.sh build)")
 
 
-SCRIPTS = (REPOSITORY / "postprocessing", REPOSITORY / "benchmarks")
+SCRIPTS = (REPOSITORY / "postprocessing", REPOSITORY / "benchmarks", REPOSITORY / "preprocessing")
 if any(importlib.util.find_spec(name) is None for name in NEEDED) and Path(sys.argv[0]).resolve().parent in SCRIPTS:
     start_again()
