@@ -9,6 +9,8 @@
   make_mesh.py disk --radius 0.2 --rings 6 disk.h5                            side rim; --box 0.5: with a square around it
   make_mesh.py hybrid --upper 2,1 --cells 20,10 hybrid.h5                     quads, and triangles beyond half of x
   make_mesh.py tet_block --upper 1,1,1 --cells 8,8,8 tetrahedra.h5            five tetrahedra in each cell
+  make_mesh.py slope --height 4 --angle 45 --crest 5 --toe 11 slope.h5        groups soil, air; sides base, left, right, top
+  make_mesh.py funnel --width 1 --outlet 0.3 --angle 60 funnel.h5             sides left_wall, right_wall, top, ..
 
 `make_mesh.py KIND --help` tells the options of a kind. --distort moves inner nodes by up to that share of the shortest edge there.
 """
@@ -20,6 +22,7 @@ import sys
 import numpy as np
 
 import mesh_makers as makers
+import mesh_slopes as slopes
 from mesh_files import KINDS, MeshError, run_main, write_mesh
 from mesh_measures import faulty_elements, report
 
@@ -121,6 +124,7 @@ def add_ring(parser):
     parser.add_argument("--cells", type=counts, metavar="NR,NA", help="cells along the radius and around")
     parser.add_argument("--type", choices=makers.QUADS, default="quad4", help="kind of elements (default: quad4)")
     parser.add_argument("--ratio", type=positive, default=1.0, help="size of the outermost cell over that of the innermost, along the radius (default: 1)")
+    parser.add_argument("--body", type=numbers, metavar="R,R", help="put the elements between these radii [m] into the group body")
 
 
 def make_ring(arguments):
@@ -131,7 +135,12 @@ def make_ring(arguments):
     nr, na = cells_of(arguments, 2)
     if arguments.angles[1] - arguments.angles[0] >= 180*na:
         raise MeshError("--cells: too few around")
-    return makers.ring(arguments.type, makers.graded(*arguments.radii, nr, arguments.ratio), makers.graded(*arguments.angles, na))
+    mesh = makers.ring(arguments.type, makers.graded(*arguments.radii, nr, arguments.ratio), makers.graded(*arguments.angles, na))
+    if arguments.body is None:
+        return mesh
+    if len(arguments.body) != 2 or not arguments.body[0] < arguments.body[1]:
+        raise MeshError("--body: two numbers, the second above the first")
+    return slopes.body_of_ring(mesh, arguments.type, arguments.body)
 
 
 def add_triangles(parser):
@@ -176,12 +185,61 @@ def make_tet_block(arguments):
     return make_block(arguments, "tetrahedron4")
 
 
+def add_slope(parser):
+    parser.add_argument("--height", type=positive, default=4.0, help="from toe to crest [m] (default: 4)")
+    parser.add_argument("--angle", type=positive, default=45.0, help="of the face to the level [degrees] (default: 45)")
+    parser.add_argument("--crest", type=positive, default=5.0, help="length of the level ground above [m] (default: 5)")
+    parser.add_argument("--toe", type=positive, default=11.0, help="length of the level ground below [m] (default: 11)")
+    parser.add_argument("--depth", type=positive, default=2.0, help="of the soil below the toe [m] (default: 2)")
+    parser.add_argument("--layer", action="store_true", help="the soil is a layer of this depth on a base that follows the slope")
+    parser.add_argument("--air", type=float, default=1.5, help="height of the room above the crest [m]; 0: none at all (default: 1.5)")
+    parser.add_argument("--size", type=positive, default=0.5, help="of the elements [m], about (default: 0.5)")
+    parser.add_argument("--ratio", type=positive, default=1.0, help="size far from the face and the surface over that there (default: 1)")
+    parser.add_argument("--type", choices=makers.QUADS + makers.TRIANGLES, default="quad4", help="kind of elements (default: quad4)")
+
+
+def make_slope(arguments):
+    if arguments.angle > 80:
+        raise MeshError("--angle: 80 degrees at most, or the elements of the face are needles")
+    if not 0 <= arguments.air < float("inf"):
+        raise MeshError("--air: 0 or more")
+    return slopes.slope(arguments.type, arguments.height, arguments.angle, arguments.crest, arguments.toe, arguments.depth, arguments.air,
+                        arguments.size, arguments.ratio, arguments.layer)
+
+
+def add_funnel(parser):
+    parser.add_argument("--width", type=positive, default=1.0, help="of the bin [m] (default: 1)")
+    parser.add_argument("--outlet", type=positive, default=0.3, help="width of the outlet [m] (default: 0.3)")
+    parser.add_argument("--angle", type=positive, default=60.0, help="of the inclined walls to the level [degrees] (default: 60)")
+    parser.add_argument("--bin", type=positive, default=0.6, help="height of the upright walls [m] (default: 0.6)")
+    parser.add_argument("--space", type=float, default=0.6, help="height of the room below the outlet [m]; 0: none (default: 0.6)")
+    parser.add_argument("--space-width", type=positive, help="its width [m] (default: that of the bin)")
+    parser.add_argument("--size", type=positive, default=0.05, help="of the elements [m], about (default: 0.05)")
+    parser.add_argument("--type", choices=makers.QUADS + makers.TRIANGLES, default="quad4", help="kind of elements (default: quad4)")
+
+
+def make_funnel(arguments):
+    if arguments.outlet >= arguments.width:
+        raise MeshError("--outlet must be smaller than --width")
+    if arguments.angle > 85:
+        raise MeshError("--angle: 85 degrees at most")
+    if not 0 <= arguments.space < float("inf"):
+        raise MeshError("--space: 0 or more")
+    space_width = arguments.space_width or arguments.width
+    if space_width < arguments.outlet:
+        raise MeshError("--space-width: not less than --outlet")
+    return slopes.funnel(arguments.type, arguments.width, arguments.outlet, arguments.angle, arguments.bin, arguments.space, space_width,
+                         arguments.size)
+
+
 MAKERS = {
     "block": (add_block, make_block, "a box, graded"),
     "ring": (add_ring, make_ring, "part of an annulus, of quads"),
     "triangles": (add_triangles, make_triangles, "a box of nearly equilateral triangles"),
     "disk": (add_disk, make_disk, "a disk of triangles"),
     "hybrid": (add_hybrid, make_hybrid, "a box of quads and triangles"),
+    "slope": (add_slope, make_slope, "the ground of a slope, with soil and air"),
+    "funnel": (add_funnel, make_funnel, "a bin with inclined walls and a room below"),
     "tet_block": (add_tet_block, make_tet_block, "a box of tetrahedra"),
 }
 
@@ -195,7 +253,9 @@ def parse_arguments(words=None):
         one.add_argument("--distort", type=positive, default=0.0, metavar="SHARE", help="move inner nodes by up to this share of the shortest edge there")
         one.add_argument("--seed", type=int, default=1, help="start of the random numbers of --distort (default: 1)")
         one.add_argument("output", metavar="OUT.h5", help="mesh file to write")
-    arguments = parser.parse_args(join_negative(sys.argv[1:] if words is None else list(map(str, words))))
+    words = list(map(str, sys.argv[1:] if words is None else words))
+    arguments = parser.parse_args(join_negative(words))
+    arguments.command = "make_mesh.py " + " ".join(w for w in words if w != arguments.output)
     if arguments.distort > 0.5:
         parser.error("--distort: 0.5 at most, or nodes could meet")
     return arguments
@@ -225,7 +285,7 @@ def make(arguments):
 def main(words=None):
     arguments = parse_arguments(words)
     mesh = make(arguments)
-    write_mesh(arguments.output, mesh)
+    write_mesh(arguments.output, mesh, arguments.command)
     print("\n".join(report(mesh)))
     return 0
 

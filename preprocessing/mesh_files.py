@@ -82,8 +82,8 @@ class Mesh:
 # ------------------------------------------------------------------------------------------------ files
 
 
-def write_mesh(path, mesh):
-    """Write a mesh file, or say why not; the same bytes for the same mesh"""
+def write_mesh(path, mesh, made_by=""):
+    """Write a mesh file, or say why not; the same bytes for the same mesh. `made_by`: the command that made it, for whoever finds the file"""
     check_names(mesh.element_groups, "element group")
     check_names(mesh.side_groups, "side")
     try:
@@ -94,6 +94,8 @@ def write_mesh(path, mesh):
         file.attrs["format"] = np.bytes_(FORMAT)  # of fixed length, as all texts here
         file.attrs["version"] = np.int32(VERSION)
         file.attrs["dimension"] = np.int32(mesh.dim)
+        if made_by:
+            file.attrs["made_by"] = np.bytes_(made_by)
         put(file, "nodes", mesh.nodes, np.float64)
         for kind, table in mesh.elements.items():
             put(file, f"elements/{kind}", table + 1, np.int32)

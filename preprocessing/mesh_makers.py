@@ -108,13 +108,6 @@ def box_rules(place, cells, names=AXIS_SIDES):
     return [(names[2*k + end], place[:, k] == end*2*cells[k]) for k in range(len(cells)) for end in (0, 1)]
 
 
-def group_all(mesh, name):
-    """All elements in one group"""
-    mesh.element_groups = [name]
-    mesh.groups = {kind: np.ones(len(table), np.int64) for kind, table in mesh.elements.items()}
-    return mesh
-
-
 # ------------------------------------------------------------------------------------------------ regions
 
 
@@ -123,7 +116,7 @@ def block(kind, axes):
     cells = [len(axis) - 1 for axis in axes]
     table, place = lattice(kind, cells)
     nodes = np.stack([halved(np.asarray(axis, float))[place[:, k]] for k, axis in enumerate(axes)], 1)
-    return group_all(name_sides(Mesh(nodes, {kind: table}), box_rules(place, cells)), "block")
+    return name_sides(Mesh(nodes, {kind: table}), box_rules(place, cells))
 
 
 def triangle_rows(lower, upper, size):
@@ -141,7 +134,7 @@ def triangle_rows(lower, upper, size):
     table = np.concatenate([strip(nodes, low, high) for low, high in zip(chains[:-1], chains[1:])])
     mesh = Mesh(nodes, {"triangle3": table})
     x, y = nodes.T
-    return group_all(name_sides(mesh, [("x_low", x == x0), ("x_high", x == x1), ("y_low", y == y0), ("y_high", y == y1)]), "block")
+    return name_sides(mesh, [("x_low", x == x0), ("x_high", x == x1), ("y_low", y == y0), ("y_high", y == y1)])
 
 
 def strip(nodes, low, high):
@@ -172,7 +165,7 @@ def ring(kind, radii, angles):
     nodes = np.stack([r*cos_of(angle), r*cos_of(angle - 90)], 1)
     first = "axis_x" if angles[0] == 0 else "first_ray"
     last = "axis_y" if angles[-1] == 90 else "last_ray"
-    return group_all(name_sides(Mesh(nodes, {kind: table}), box_rules(place, cells, ("inner", "outer", first, last))), "ring")
+    return name_sides(Mesh(nodes, {kind: table}), box_rules(place, cells, ("inner", "outer", first, last)))
 
 
 def cos_of(degrees):
@@ -202,11 +195,11 @@ def disk(center, radius, rings, box=None):
     places = np.concatenate(nodes)
     tables = [strip(places, outer, inner) for inner, outer in zip(chains[:-1], chains[1:])]
     mesh = Mesh(places + np.asarray(center, float), {"triangle3": np.concatenate(tables)})
-    group_all(mesh, "disk")
     if box is None:
         return name_sides(mesh, [("rim", np.ones(len(places), bool))])
     mesh.element_groups = ["disk", "outside"]
-    mesh.groups["triangle3"][sum(map(len, tables[:rings])):] = 2
+    mesh.groups["triangle3"][:] = 2
+    mesh.groups["triangle3"][:sum(map(len, tables[:rings]))] = 1
     return name_sides(mesh, [(name, np.abs(places[:, k] - end*box) < 1e-9*box)
                              for name, k, end in (("x_low", 0, -1), ("x_high", 0, 1), ("y_low", 1, -1), ("y_high", 1, 1))])
 

@@ -11,6 +11,7 @@ np = pytest.importorskip("numpy")
 from conftest import REPOSITORY  # noqa: E402
 
 SCRIPTS = REPOSITORY / "preprocessing"
+MESHES = sorted((REPOSITORY / "inputs" / "meshes").glob("*.h5"))
 sys.path.insert(0, str(SCRIPTS))
 
 import make_mesh  # noqa: E402
@@ -115,6 +116,22 @@ MADE = {
     "triangles": (["triangles", "--upper", "2,1", "--size", "0.1", "--distort", "0.2"], 2.0, dict(zip(BOX, (1, 1, 2, 2)))),
     "disk": (["disk", "--radius", "2", "--center", "3,-1", "--rings", "20"], 4*math.pi, dict(rim=4*math.pi)),
     "disk in a box": (["disk", "--radius", "0.5", "--rings", "4", "--box", "1"], 4.0, dict.fromkeys(BOX, 2)),
+    "ring with body": (["ring", "--radii", "0.3,0.75", "--cells", "9,12", "--body", "0.4,0.6"], 0.25*math.pi*(0.75**2 - 0.3**2),
+                       dict(axis_x=0.45, axis_y=0.45, inner=0.15*math.pi, outer=0.375*math.pi)),
+    "slope": (["slope", "--ratio", "2"], 20*7.5, dict(base=20, left=7.5, right=7.5, top=20)),
+    "slope of triangles": (["slope", "--type", "triangle6", "--air", "0", "--distort", "0.2"], 20*2 + 4*5 + 0.5*4*4,
+                           dict(base=20, left=6, right=2, crest=5, slope=4*math.sqrt(2), toe=11)),
+    "layer": (["slope", "--layer", "--air", "0", "--angle", "30", "--depth", "1"], 16 + 4*math.sqrt(3),
+              dict(base=24, left=1, right=1, crest=5, slope=8, toe=11)),
+    "funnel": (["funnel", "--width", "1.2", "--outlet", "0.2", "--angle", "45", "--bin", "0.5", "--space", "0.4", "--space-width", "0.8"],
+               0.6 + 0.35 + 0.32, dict(top=1.2, left_wall=0.5 + 0.5*math.sqrt(2), right_wall=0.5 + 0.5*math.sqrt(2), ceiling=0.6, floor=0.8,
+                                       space_left=0.4, space_right=0.4)),
+    "funnel alone": (["funnel", "--type", "quad9", "--width", "1.2", "--outlet", "0.2", "--angle", "45", "--bin", "0.5", "--space", "0"],
+                     0.6 + 0.35, dict(top=1.2, left_wall=0.5 + 0.5*math.sqrt(2), right_wall=0.5 + 0.5*math.sqrt(2), outlet=0.2)),
+    "funnel into a channel": (["funnel", "--type", "triangle3", "--width", "1.2", "--outlet", "0.2", "--angle", "45", "--bin", "0.5", "--space",
+                               "0.4", "--space-width", "0.2", "--distort", "0.2"], 0.6 + 0.35 + 0.08,
+                              dict(top=1.2, left_wall=0.5 + 0.5*math.sqrt(2), right_wall=0.5 + 0.5*math.sqrt(2), floor=0.2, space_left=0.4,
+                                   space_right=0.4)),
     "hybrid": (["hybrid", "--upper", "2,1", "--cells", "8,4", "--distort", "0.3"], 2.0, dict(zip(BOX, (1, 1, 2, 2)))),
 }
 
@@ -125,7 +142,7 @@ def test_made_mesh_is_whole(name, tmp_path):
     words, volume, lengths = MADE[name]
     mesh = made(tmp_path, *words)
     # straight sides follow a circle to (angle of a side)^2/6; curved ones to its fourth power; boxes to round-off
-    tolerance = {"ring": 1e-4, "disk": 1e-3, "curved ring": 1e-5}.get(name, 1e-12)
+    tolerance = {"ring": 1e-4, "disk": 1e-3, "curved ring": 1e-5, "ring with body": 5e-3}.get(name, 1e-12)
     assert measures.faulty_elements(mesh) == []
     assert content(mesh) == pytest.approx(volume, rel=tolerance)
     outside = mf.boundary_sides(mesh)
@@ -138,6 +155,28 @@ def test_made_mesh_is_whole(name, tmp_path):
             assert measured[mesh.side_group == k].sum() == pytest.approx(lengths[side], rel=tolerance)
     assert len(np.unique(mesh.nodes, axis=0)) == len(mesh.nodes)
     assert set(np.concatenate([t.ravel() for t in mesh.elements.values()])) == set(range(len(mesh.nodes)))
+
+
+@pytest.mark.parametrize("words, expected", [
+    (["slope"], dict(soil=20*2 + 4*5 + 0.5*4*4, air=20*5.5 - 4*5 - 0.5*4*4)),
+    (["funnel", "--angle", "45"], dict(bin=0.6, hopper=0.65*0.35, space=0.6)),
+    (["ring", "--radii", "0.3,0.75", "--cells", "18,90", "--body", "0.4,0.6"], dict(body=0.05*math.pi)),
+    (["disk", "--radius", "0.5", "--rings", "40", "--box", "1"], dict(disk=0.25*math.pi, outside=4 - 0.25*math.pi)),
+    (["hybrid", "--cells", "8,4", "--share", "0.25"], dict(quads=0.25, triangles=0.75)),
+])
+def test_groups_of_made_meshes(words, expected, tmp_path):
+    mesh = made(tmp_path, *words)
+    areas = {name: sum(measures.volumes(kind, mesh.nodes[table[mesh.groups[kind] == k]]).sum() for kind, table in mesh.elements.items()
+                       if (mesh.groups[kind] == k).any()) for k, name in enumerate(mesh.element_groups, 1)}
+    # curved edges follow a circle to (angle of a side)^2/6
+    assert areas == pytest.approx(expected, rel=1e-12 if words[0] in ("slope", "funnel", "hybrid") else 1e-3)
+
+
+def test_slope_has_nodes_on_its_surface(tmp_path):
+    mesh = made(tmp_path, "slope")
+    soil = mesh.elements["quad4"][mesh.groups["quad4"] == 1]
+    for corner in ((0, 6), (5, 6), (9, 2), (20, 2), (7, 4)):
+        assert (np.abs(mesh.nodes[np.unique(soil)] - corner).max(1) < 1e-12).any(), corner
 
 
 def test_line_of_two_sides(tmp_path):
@@ -186,6 +225,27 @@ def test_mesh_file_comes_back_and_has_the_same_bytes_each_time(tmp_path):
         assert file["elements/triangle3"][:].min() == 1  # numbers of the file
 
 
+@pytest.mark.parametrize("path", MESHES, ids=lambda path: path.stem)
+def test_meshes_of_scenes_are_those_of_their_commands(path, tmp_path):
+    """The file holds the command that makes it again"""
+    assert path.stat().st_size < 100_000  # bytes; they are kept with the source
+    kept = mf.read_mesh(path)
+    with h5py.File(path) as file:
+        script, *words = file.attrs["made_by"].decode().split()
+    assert script == "make_mesh.py"
+    mesh = made(tmp_path, *words)
+    np.testing.assert_allclose(kept.nodes, mesh.nodes, rtol=0, atol=1e-12*np.abs(mesh.nodes).max())  # sines of other machines
+    assert list(kept.elements) == list(mesh.elements)
+    for kind, table in mesh.elements.items():
+        assert (kept.elements[kind] == table).all() and (kept.groups[kind] == mesh.groups[kind]).all()
+    assert (kept.sides == mesh.sides).all() and (kept.side_group == mesh.side_group).all()
+    assert (kept.element_groups, kept.side_groups) == (mesh.element_groups, mesh.side_groups)
+
+
+def test_meshes_of_scenes_are_there():
+    assert {path.stem for path in MESHES} >= {"slope", "ring", "triangles", "funnel", "tetrahedra", "hybrid"}
+
+
 def test_make_mesh_tells_what_it_made(tmp_path):
     done = subprocess.run([SCRIPTS / "make_mesh.py", "hybrid", "--cells", "4,2", tmp_path / "h.h5"], capture_output=True, text=True)
     assert done.returncode == 0 and done.stderr == ""
@@ -208,6 +268,11 @@ def test_make_mesh_tells_what_it_made(tmp_path):
     (["ring", "--radii", "2,1", "--cells", "4,4"], "0 < inner < outer"),
     (["ring", "--angles", "0,360", "--cells", "4,4"], "less than 360"),
     (["disk", "--radius", "2", "--box", "1"], "larger than --radius"),
+    (["ring", "--cells", "4,4", "--body", "1.1,1.5"], "radii of rows of nodes"),
+    (["slope", "--angle", "85"], "80 degrees"),
+    (["slope", "--air", "-1"], "--air"),
+    (["funnel", "--outlet", "2"], "smaller than --width"),
+    (["funnel", "--space-width", "0.1"], "not less than --outlet"),
     (["hybrid", "--cells", "4,4", "--share", "2"], "no quads or no triangles"),
     (["sphere"], "usage"),
 ])
@@ -224,7 +289,7 @@ def test_refusal_is_one_line_and_exit_code_2(tmp_path):
 def broken(tmp_path, change):
     """A mesh file with something changed in it"""
     path = tmp_path / "broken.h5"
-    make_mesh.main(["block", "--cells", "2,2", str(path)])
+    make_mesh.main(["hybrid", "--cells", "4,2", str(path)])
     with h5py.File(path, "a") as file:
         change(file)
     return path
@@ -242,9 +307,9 @@ def set_value(name, at, value):
     (lambda file: file.__delitem__("nodes"), "not a complete mesh file"),
     (lambda file: file.move("elements/quad4", "elements/wedge6"), "wedge6 is not a kind"),
     (lambda file: file.move("elements/quad4", "elements/quad9"), "must be (n, 9)"),
-    (set_value("elements/quad4", (1, 2), 10), "quad4 element 2 names a node"),
+    (set_value("elements/quad4", (1, 2), 16), "quad4 element 2 names a node"),
     (set_value("elements/quad4", (0, 0), 0), "quad4 element 1 names a node"),
-    (set_value("elements/quad4_group", 3, 2), "beyond the 1 names"),
+    (set_value("elements/quad4_group", 3, 3), "beyond the 2 names"),
 ])
 def test_broken_mesh_files_are_named(change, message, tmp_path):
     assert message in read_refusal(broken(tmp_path, change))
