@@ -3,12 +3,18 @@
 !> A face gives its force to the nodes by the tents at its corners (algorithms of CPDI and cpGIMP, exact total force), in runs with
 !> splines by the splines there; a pressure follows the face, its area vector being J F^-T times the initial one (Nanson). The forces are found from the
 !> state at the start of a step and their work from the velocities of the same points in that step.
+!>
+!> On a mesh, tractions and pressures act on its named sides as well: nodes have int N t dA, found once (the mesh stands still),
+!> and those without mass do without: that is counted.
 module gimp_loads
   use gimp_kinds, only: wp, sp, dp, i8, lanes
-  use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, canonical_node, block_of_node
+  use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, canonical_node, block_of_node, block_key
   use gimp_blocks, only: slot_of_node, node_in_block
   use gimp_particles, only: few_chunks
-  use gimp_ranks, only: ranks
+  use gimp_mesh, only: mesh_t
+  use gimp_side_shares, only: most_side_nodes, share_side
+  use gimp_hash_table, only: find_key
+  use gimp_ranks, only: ranks, this_rank
   use gimp_over_ranks, only: sum_of, sum_columns, sum_counts
   use gimp_engine, only: engine_t, spill_t
   use gimp_borders, only: exchange_entries
@@ -18,7 +24,7 @@ module gimp_loads
   use gimp_time_table, only: time_table_t, factor_at
   implicit none(type, external)
   private
-  public :: load_t, loads_t, load_traction, load_pressure, load_point, gravity_t, gravity_at
+  public :: load_t, loads_t, load_traction, load_pressure, load_point, gravity_t, gravity_at, side_load_t, set_side_loads
   public :: has_loads, collect_loads, add_loads, work_of_loads, sum_of_loads, most_face_loads
 
   integer, parameter :: load_traction = 1, load_pressure = 2, load_point = 3
@@ -42,14 +48,31 @@ module gimp_loads
     type(time_table_t) :: table
   end type load_t
 
+  !> A load on a group of sides of a mesh
+  type :: side_load_t
+    integer :: group = 0
+    real(dp) :: vector(3) = 0.0_dp !! traction [Pa]
+    real(dp) :: pressure = 0.0_dp !! pushes into the mesh: -p n, n its outward normal [Pa]
+    type(time_table_t) :: table
+    ! made by set_side_loads
+    integer, allocatable :: node(:) !! of the group, each once
+    real(dp), allocatable :: f(:, :) !! (3, node) at factor one [N]
+    real(dp) :: now = 0.0_dp !! factor of the present step
+  end type side_load_t
+
   !> All loads, and the points at which they act in the present step
   type :: loads_t
     type(gravity_t), allocatable :: gravity(:)
     type(load_t), allocatable :: load(:)
+    type(side_load_t), allocatable :: side(:)
     integer :: n = 0
     real(dp), allocatable :: x(:, :) !! (3, point) [cells from the corner of the box]
     real(dp), allocatable :: f(:, :) !! (3, point) [N]
     integer, allocatable :: block(:) !! (point) of the particle
+    ! what loads on sides of a mesh give to its nodes in the present step
+    integer :: n_given = 0
+    integer, allocatable :: slot(:), place(:) !! nodes of mass that this rank books
+    real(dp), allocatable :: given(:, :) !! (3, such a node) [N]
   end type loads_t
 
 contains
@@ -68,13 +91,57 @@ contains
   end function gravity_at
 
   !> Whether the scene has loads on particles
+  pure logical function has_particle_loads(loads) result(has)
+    type(loads_t), intent(in) :: loads
+    has = .false.
+    if (allocated(loads%load)) has = size(loads%load) > 0
+  end function has_particle_loads
+
+  !> Whether the scene has loads on sides of the mesh
+  pure logical function has_side_loads(loads) result(has)
+    type(loads_t), intent(in) :: loads
+    has = .false.
+    if (allocated(loads%side)) has = size(loads%side) > 0
+  end function has_side_loads
+
+  !> Whether the scene has loads on particles or sides
   pure logical function has_loads(loads)
     type(loads_t), intent(in) :: loads
-    has_loads = .false.
-    if (allocated(loads%load)) has_loads = size(loads%load) > 0
+    has_loads = has_particle_loads(loads) .or. has_side_loads(loads)
   end function has_loads
 
-  !> Points and forces of all loads on particles of this rank at the present positions, in stored order
+  !> Find the nodal forces of loads on sides, once
+  subroutine set_side_loads(loads, mesh, spacing)
+    type(loads_t), intent(inout) :: loads
+    type(mesh_t), intent(in) :: mesh !! connected
+    real(dp), intent(in) :: spacing !! of the grid [m]
+    real(dp) :: area(most_side_nodes), outward(3, most_side_nodes), metres
+    integer :: l, side, k, n, node(most_side_nodes), number(mesh%nodes)
+    if (.not. has_side_loads(loads)) return
+    metres = spacing**(mesh%dim - 1)
+    do l = 1, size(loads%side)
+      associate (load => loads%side(l))
+        number = 0
+        do side = 1, size(mesh%side_group)
+          if (mesh%side_group(side) /= load%group) cycle
+          call share_side(mesh, side, n, node, area, outward)
+          number(node(:n)) = 1
+        end do
+        load%node = pack([(k, k=1, mesh%nodes)], number > 0)
+        number(load%node) = [(k, k=1, size(load%node))]
+        load%f = spread([0.0_dp, 0.0_dp, 0.0_dp], 2, size(load%node))
+        do side = 1, size(mesh%side_group)
+          if (mesh%side_group(side) /= load%group) cycle
+          call share_side(mesh, side, n, node, area, outward)
+          do k = 1, n
+            load%f(:, number(node(k))) = load%f(:, number(node(k))) + metres*(area(k)*load%vector - load%pressure*outward(:, k))
+          end do
+        end do
+      end associate
+    end do
+  end subroutine set_side_loads
+
+  !> Points and forces of all loads on particles of this rank at the present positions, in stored order, and factors of those on sides
   subroutine collect_loads(loads, engine, time)
     type(loads_t), intent(inout) :: loads
     type(engine_t), intent(in) :: engine
@@ -83,7 +150,12 @@ contains
     integer :: g, c, l, k
     integer(i8) :: marks
     loads%n = 0
-    if (.not. has_loads(loads)) return
+    if (has_side_loads(loads)) then
+      do k = 1, size(loads%side)
+        loads%side(k)%now = factor_at(loads%side(k)%table, time)
+      end do
+    end if
+    if (.not. has_particle_loads(loads)) return
     if (.not. allocated(loads%x)) allocate (loads%x(3, 64), loads%f(3, 64), loads%block(64))
     call find_loaded(loads, engine, loaded)
     associate (particles => engine%particles)
@@ -253,27 +325,30 @@ contains
   function sum_of_loads(loads) result(force)
     type(loads_t), intent(in) :: loads
     real(dp) :: force(3)
-    real(dp) :: f(3, loads%n)
-    if (loads%n > 0) f = loads%f(:, :loads%n)
+    real(dp) :: f(3, loads%n + loads%n_given)
+    if (loads%n > 0) f(:, :loads%n) = loads%f(:, :loads%n)
+    if (loads%n_given > 0) f(:, loads%n + 1:) = loads%given(:, :loads%n_given)
     call sum_columns(f, force)
   end function sum_of_loads
 
   !> Add the loads to the forces of the nodes (fields 5-7), with tents or splines at the points. Collective
   subroutine add_loads(loads, engine, slots, masses, cutoff, raw, lost, turned)
-    type(loads_t), intent(in) :: loads
+    type(loads_t), intent(inout) :: loads !! notes what sides gave
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: slots
     real(wp), intent(in) :: masses(nf, nodes_per_block, slots) !! field 4: nodal masses, images folded
     real(wp), intent(in) :: cutoff !! nodes with less mass do not move [kg]
     real(wp), intent(inout) :: raw(nf, nodes_per_block, slots)
     real(dp), intent(out) :: turned(3) !! what planes of symmetry add to the forces, as they turn around what goes to their images [N]
-    integer, intent(inout) :: lost !! points without a node of mass around them, so that their force is lost
+    integer, intent(inout) :: lost !! points without a node of mass around them and nodes of loaded sides without mass: their force is lost
     type(spill_t) :: given
     real(wp) :: s(most), sign(3, most), value(nf)
     real(dp) :: part(3, loads%n)
-    integer :: q, k, n, slot(most), place(most), nowhere
+    integer :: q, k, n, slot(most), place(most)
+    integer(i8) :: nowhere
     value = 0.0_wp
     nowhere = 0
+    if (has_side_loads(loads)) call add_side_loads(loads, engine, slots, masses, cutoff, raw, nowhere)
     part = 0.0_dp
     do q = 1, loads%n
       call find_nodes(engine, slots, masses, cutoff, loads%block(q), loads%x(:, q), n, slot, place, s, sign)
@@ -288,15 +363,55 @@ contains
         end if
       end do
     end do
-    lost = lost + int(sum_counts(int(nowhere, i8)))
+    lost = lost + int(sum_counts(nowhere))
     turned = 0.0_dp
     if (any(engine%grid%mirror_low) .or. any(engine%grid%mirror_high)) call sum_columns(part, turned)
-    if (ranks == 1) return
+    if (ranks == 1 .or. .not. has_particle_loads(loads)) return
     call exchange_entries(engine, given)
     do k = 1, given%n
       raw(5:7, given%place(k), given%slot(k)) = raw(5:7, given%place(k), given%slot(k)) + given%value(5:7, k)
     end do
   end subroutine add_loads
+
+  !> Add the loads on sides to all nodes of mass that this rank has: their sums are complete here
+  subroutine add_side_loads(loads, engine, slots, masses, cutoff, raw, nowhere)
+    type(loads_t), intent(inout) :: loads
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: slots
+    real(wp), intent(in) :: masses(nf, nodes_per_block, slots), cutoff
+    real(wp), intent(inout) :: raw(nf, nodes_per_block, slots)
+    integer(i8), intent(out) :: nowhere !! summed over ranks: loaded nodes without mass
+    real(dp) :: force(3)
+    integer :: l, i, at, last, slot, place, n
+    n = sum([(size(loads%side(l)%node), l=1, size(loads%side))])
+    if (.not. allocated(loads%given)) allocate (loads%given(3, n), loads%slot(n), loads%place(n))
+    n = 0
+    nowhere = 0
+    do l = 1, size(loads%side)
+      associate (load => loads%side(l))
+        if (abs(load%now) <= 0.0_dp) cycle
+        if (this_rank == 0) nowhere = nowhere + size(load%node) ! from which each rank takes those that it books
+        last = -1
+        do i = 1, size(load%node)
+          at = (load%node(i) - 1)/nodes_per_block
+          if (at /= last) slot = find_key(engine%table%slot_of, block_key([at, 0, 0]))
+          last = at
+          if (slot == 0) cycle
+          place = 1 + modulo(load%node(i) - 1, nodes_per_block)
+          if (.not. masses(node_mass, place, slot) > cutoff) cycle
+          force = load%now*load%f(:, i)
+          raw(5:7, place, slot) = raw(5:7, place, slot) + real(force, wp)
+          if (.not. engine%table%booked(slot)) cycle
+          n = n + 1
+          loads%given(:, n) = force
+          loads%slot(n) = slot
+          loads%place(n) = place
+        end do
+      end associate
+    end do
+    nowhere = nowhere - n
+    loads%n_given = n
+  end subroutine add_side_loads
 
   !> The nodes of mass around a point and their shares: tents (splines), or where some of the nodes have no mass (the corner of a
   !> sheared domain may reach beyond the material) those of the others, scaled so that no force is lost. Nodes farther than the
@@ -360,9 +475,14 @@ contains
     real(dp), intent(in) :: kick !! step of velocities [s]
     real(wp), intent(in) :: back !! that share
     real(wp) :: s(most), sign(3, most)
-    real(dp) :: part(loads%n)
+    real(dp) :: part(loads%n + loads%n_given)
     integer :: q, k, n, slot(most), place(most)
     part = 0.0_dp
+    do q = 1, loads%n_given
+      associate (node => g(:, loads%place(q), loads%slot(q)))
+        part(loads%n + q) = kick*sum(loads%given(:, q)*(node(1:3) - back*node(5:7)))
+      end associate
+    end do
     do q = 1, loads%n
       call find_nodes(engine, slots, g, 0.0_wp, loads%block(q), loads%x(:, q), n, slot, place, s, sign)
       do k = 1, n

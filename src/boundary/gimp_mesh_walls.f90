@@ -9,8 +9,7 @@
 module gimp_mesh_walls
   use gimp_kinds, only: wp, dp
   use gimp_error, only: error_t, raise
-  use gimp_text, only: text_of
-  use gimp_mesh, only: mesh_t, kind_name
+  use gimp_mesh, only: mesh_t, element_label
   use gimp_walls, only: walls_t, wall_t, is_wall, side_stick, side_velocity, side_symmetry, side_periodic
   use gimp_side_shares, only: most_side_nodes, share_side
   implicit none(type, external)
@@ -112,20 +111,18 @@ contains
       if (first(group) == 0) first(group) = k
       if (norm2(direction(sides%outward(:, k)) - direction(sides%outward(:, first(group)))) <= flat) cycle
       call raise(error, "side group '"//trim(mesh%side_group_name(group))//"': symmetry needs a plane, but sides of " &
-                 //name_of(sides%side(first(group)))//" and "//name_of(sides%side(k)) &
+                 //label(first(group))//" and "//label(k) &
                  //" face different ways; use 'slip', or a side group for each plane")
       return
     end do
 
   contains
 
-    function name_of(side) result(name)
-      integer, intent(in) :: side
-      character(len=:), allocatable :: name
-      associate (e => mesh%side_element(side))
-        name = trim(kind_name(mesh%kind(e)))//" element "//text_of(mesh%element_in_file(e))
-      end associate
-    end function name_of
+    function label(entry)
+      integer, intent(in) :: entry
+      character(len=:), allocatable :: label
+      label = element_label(mesh, mesh%side_element(sides%side(entry)))
+    end function label
 
   end subroutine check_conditions
 

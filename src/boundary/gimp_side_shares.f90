@@ -2,12 +2,12 @@
 !> area that the side turns outward, of a pressure. Edges count per metre, the points that end a line as 1.
 module gimp_side_shares
   use gimp_kinds, only: dp
-  use gimp_mesh, only: mesh_t, side_of_kind, side_corners, kind_corners, quad8, quad9, triangle6
+  use gimp_mesh, only: mesh_t, side_nodes, side_corners, kind_corners, most_side_corners, quad8, quad9, triangle6
   implicit none(type, external)
   private
   public :: most_side_nodes, nodes_of_side, share_side
 
-  integer, parameter :: most_side_nodes = 4
+  integer, parameter :: most_side_nodes = most_side_corners !! of a face with four corners; edges have up to 3
 
 contains
 
@@ -16,13 +16,11 @@ contains
     type(mesh_t), intent(in) :: mesh
     integer, intent(in) :: side !! boundary side
     integer, intent(out) :: n, node(most_side_nodes)
-    integer :: e, kind, corner(most_side_nodes)
+    integer :: e, kind
     e = mesh%side_element(side)
     kind = mesh%kind(e)
-    corner = side_of_kind(kind, mesh%side_number(side))
     n = side_corners(kind)
-    node = 0
-    node(:n) = mesh%node(corner(:n), e)
+    node = side_nodes(mesh, e, mesh%side_number(side))
     if (kind /= triangle6 .and. kind /= quad8 .and. kind /= quad9) return
     n = n + 1
     node(n) = mesh%node(kind_corners(kind) + mesh%side_number(side), e)

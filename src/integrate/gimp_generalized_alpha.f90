@@ -27,7 +27,7 @@ module gimp_generalized_alpha
   use gimp_blocks, only: few_blocks
   use gimp_images, only: fold_images, copy_images
   use gimp_engine, only: pass_t
-  use gimp_walls, only: walls_t, move_walls, constrain
+  use gimp_walls, only: walls_t, move_walls, constrain, constrain_change
   use gimp_loads, only: gravity_at, has_loads, collect_loads, add_loads, work_of_loads, sum_of_loads
   use gimp_nodes, only: node_step_t, stage_full, fields_last, fields_first, velocity_of, note_cut_nodes, sign_or_zero, n_node_sums, &
     book_before, book_after, book_given, book_forces, book_gravity, book_walls, book_damping, book_reaction, book_impulse
@@ -219,7 +219,7 @@ contains
     real(wp), intent(out) :: g(nf, nodes_per_block) !! new acceleration, mass, change of velocity
     real(dp), intent(out) :: sums(n_node_sums)
     integer, parameter :: n = nodes_per_block
-    real(wp), dimension(n, 3) :: v, force, damped, a0, a1, u, w, free ! `free`: 0 for a component that a side holds, else 1
+    real(wp), dimension(n, 3) :: v, force, damped, a0, a1, u, w, change, side
     real(wp) :: q(n, nf), m(n), pull
     integer :: i, k
     sums = 0.0_dp
@@ -236,8 +236,7 @@ contains
         if (m(i) > 0.0_wp .and. step%first) a0(i, k) = force(i, k)/m(i)
       end do
     end do
-    free = 1.0_wp
-    if (held) call hold_acceleration(a0, free)
+    if (held) call hold_acceleration(a0)
     do k = 1, 3
       do i = 1, n
         pull = 0.0_wp
@@ -245,9 +244,16 @@ contains
         call advance_free(step%c, step%node%kick, pull, a0(i, k), v(i, k), a1(i, k), u(i, k), w(i, k))
       end do
     end do
-    if (held) call hold_acceleration(a1, free)
+    if (held) call hold_acceleration(a1)
     if (held) call blend(step%c, step%node%kick, a0, a1, v, u, w)
-    call book_nodes(n, grid%dim, step, m, v, force, damped, a0, w, free, sums)
+    do k = 1, 3
+      do i = 1, n
+        change(i, k) = m(i)*a0(i, k) - force(i, k)
+      end do
+    end do
+    side = 0.0_wp
+    if (held) call share_with_sides()
+    call book_nodes(n, grid%dim, step, m, v, force, damped, change, side, w, sums)
     q(:, 1:3) = u
     call fields_first(q, given)
     q(:, 1:3) = a1
@@ -270,24 +276,37 @@ contains
     end subroutine hold_velocity
 
     !> What a side holds of an acceleration is the rate at which its velocity changes
-    subroutine hold_acceleration(a, free)
-      real(wp), intent(inout) :: a(n, 3), free(n, 3)
-      real(wp) :: x(3), low(3), high(3), one(3)
+    subroutine hold_acceleration(a)
+      real(wp), intent(inout) :: a(n, 3)
+      real(wp) :: x(3), low(3), high(3)
       integer :: j
       do j = 1, n
         if (m(j) <= 0.0_wp) cycle
         x = a(j, :)
         low = 0.0_wp
         high = 0.0_wp
-        one = 1.0_wp
         call constrain(step%before, grid, node_at_place(grid, at, j), x)
         call constrain(step%before, grid, node_at_place(grid, at, j), low)
         call constrain(step%after, grid, node_at_place(grid, at, j), high)
-        call constrain(step%before, grid, node_at_place(grid, at, j), one)
-        free(j, :) = merge(1.0_wp, 0.0_wp, one - low > 0.5_wp)
         a(j, :) = (x - low) + (high - low)/step%node%kick
       end do
     end subroutine hold_acceleration
+
+    !> Along what a side holds there is no second term, and the side gives what f leaves to the change of velocity
+    subroutine share_with_sides()
+      real(wp) :: x(3), total(3)
+      integer :: j
+      do j = 1, n
+        if (m(j) <= 0.0_wp) cycle
+        x = change(j, :)
+        call constrain_change(step%before, grid, node_at_place(grid, at, j), x)
+        change(j, :) = x
+        total = m(j)*(w(j, :) - v(j, :)) - step%node%kick*force(j, :)
+        x = total
+        call constrain_change(step%before, grid, node_at_place(grid, at, j), x)
+        side(j, :) = total - x
+      end do
+    end subroutine share_with_sides
 
   end subroutine update_slot
 
@@ -308,13 +327,15 @@ contains
   end subroutine forces_of
 
   !> Works and impulses of the step (see the head of this module)
-  subroutine book_nodes(n, dim, step, m, v, force, damped, a0, w, free, sums)
+  subroutine book_nodes(n, dim, step, m, v, force, damped, change, side, w, sums)
     integer, intent(in) :: n, dim
     type(alpha_step_t), intent(in) :: step
     real(wp), intent(in) :: m(n)
-    real(wp), intent(in), dimension(n, 3) :: v, force, damped, a0, w, free
+    real(wp), intent(in), dimension(n, 3) :: v, force, damped, w
+    real(wp), intent(in) :: change(n, 3) !! m a^n - f where nothing is held
+    real(wp), intent(in) :: side(n, 3) !! impulse of sides
     real(dp), intent(inout) :: sums(n_node_sums)
-    real(wp) :: dt, share, mean, pull, filter, side
+    real(wp) :: dt, share, mean, pull, filter
     real(dp) :: part(7)
     integer :: i, k
     dt = step%node%kick
@@ -324,15 +345,14 @@ contains
       do i = 1, n
         mean = 0.5_wp*(v(i, k) + w(i, k))
         pull = m(i)*step%node%gravity(k)
-        filter = free(i, k)*share*(m(i)*a0(i, k) - force(i, k))
-        side = (1.0_wp - free(i, k))*(m(i)*(w(i, k) - v(i, k)) - dt*force(i, k))
+        filter = share*change(i, k)
         part(1) = part(1) + real(0.5_wp*m(i)*v(i, k)**2, dp)
         part(2) = part(2) + real(0.5_wp*m(i)*w(i, k)**2, dp)
         part(3) = part(3) + real((dt*(force(i, k) - pull + damped(i, k)) + filter)*mean, dp)
         part(4) = part(4) + real(dt*pull*mean, dp)
         part(5) = part(5) - real(dt*damped(i, k)*mean, dp)
-        part(6) = part(6) + real(side*mean, dp)
-        sums(book_reaction + k - 1) = sums(book_reaction + k - 1) + real(side, dp)
+        part(6) = part(6) + real(side(i, k)*mean, dp)
+        sums(book_reaction + k - 1) = sums(book_reaction + k - 1) + real(side(i, k), dp)
         part(7) = part(7) + real(dt*(pull - damped(i, k)) + filter, dp)
       end do
       sums(book_before) = sums(book_before) + part(1)

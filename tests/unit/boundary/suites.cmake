@@ -1,3 +1,5 @@
 gimp_add_unit_test(boundary test_time_table)
 gimp_add_unit_test(boundary test_walls)
 gimp_add_unit_test(boundary test_loads USES engine_fixture)
+gimp_add_unit_test(boundary test_mesh_walls USES made_meshes)
+gimp_add_unit_test(boundary test_side_loads USES made_meshes)

@@ -85,7 +85,7 @@ contains
   !> that of the points moving with it
   subroutine check_nodes(engine, loads, total, what)
     type(engine_t), intent(inout) :: engine
-    type(loads_t), intent(in) :: loads
+    type(loads_t), intent(inout) :: loads
     real(wp), intent(in) :: total(3)
     character(len=*), intent(in) :: what
     real(wp), allocatable :: raw(:, :, :)
@@ -132,7 +132,7 @@ contains
   !> Where some corners of a cell have no mass the others take the whole force; where none has, the loss is counted
   subroutine check_lean_nodes(engine, loads, total, scale, what)
     type(engine_t), intent(inout) :: engine
-    type(loads_t), intent(in) :: loads
+    type(loads_t), intent(inout) :: loads
     real(wp), intent(in) :: total(3), scale
     character(len=*), intent(in) :: what
     real(wp), allocatable :: raw(:, :, :)
