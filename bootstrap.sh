@@ -181,6 +181,17 @@ prepare() { # prepare MODULE...: tools and a Python that imports the modules, or
   export PYTHON
 }
 
+# meshio reads meshes of other programs for preprocessing/convert_mesh.py; all else works without
+add_meshio() {
+  python_with "$PYTHON" meshio && return 0
+  case $PYTHON in
+    /usr/bin/python3) ! may_install || install_packages python3-meshio || true ;;
+    "$root/.venv/bin/python") "$PYTHON" -m pip install --quiet --disable-pip-version-check meshio || true ;;
+  esac
+  python_with "$PYTHON" meshio \
+    || warn "meshes of other programs cannot be converted: $PYTHON has no meshio (Debian: python3-meshio; pip install meshio)"
+}
+
 # --- build ----------------------------------------------------------------------------------------
 
 quietly() { # quietly LOG COMMAND...: only a failure shows what the command said
@@ -306,12 +317,14 @@ case ${1:-help} in
   test)
     # shellcheck disable=SC2086 # one word per module
     prepare $modules_to_run pytest
+    add_meshio
     build_release
     run_tests
     ;;
   build)
     # shellcheck disable=SC2086 # one word per module
     prepare $modules_to_run
+    add_meshio
     build_release
     ;;
   help | -h | --help) usage ;;

@@ -14,6 +14,7 @@ SCRIPTS = REPOSITORY / "preprocessing"
 MESHES = sorted((REPOSITORY / "inputs" / "meshes").glob("*.h5"))
 sys.path.insert(0, str(SCRIPTS))
 
+import convert_mesh  # noqa: E402
 import make_mesh  # noqa: E402
 import mesh_files as mf  # noqa: E402
 import mesh_measures as measures  # noqa: E402
@@ -331,3 +332,203 @@ def test_side_of_three_elements_is_named():
     mesh = mf.Mesh([(0, 0), (1, 0), (0, 1), (1, 1), (0.5, 2)], {"triangle3": [(0, 1, 2), (1, 3, 2), (1, 4, 2)]})
     with pytest.raises(mf.MeshError, match="triangle3 element 1 and 2 others have the side with nodes 2 3"):
         mf.boundary_sides(mesh)
+
+
+# ------------------------------------------------------------------------------------------- converted meshes
+
+
+def converted(tmp_path, source, *words):
+    """The mesh that convert_mesh.py writes"""
+    path = tmp_path / "converted.h5"
+    assert convert_mesh.main([str(source), str(path), *words]) == 0
+    return mf.read_mesh(path)
+
+
+def counts_of(mesh):
+    """Elements in each group and sides of each name"""
+    groups = {name: sum(int((g == k).sum()) for g in mesh.groups.values()) for k, name in enumerate(mesh.element_groups, 1)}
+    return groups, {name: int((mesh.side_group == k).sum()) for k, name in enumerate(mesh.side_groups, 1)}
+
+
+@pytest.mark.parametrize("name", ["gmsh_22.msh", "gmsh_41.msh"])
+def test_gmsh_file_with_physical_names(name, tmp_path, capsys):
+    """Two unit squares of Gmsh 4.15: triangles called soil, quads called air, between them lines called interface"""
+    pytest.importorskip("meshio")
+    mesh = converted(tmp_path, REPOSITORY / "tests" / "data" / "meshes" / name)
+    assert {kind: len(table) for kind, table in mesh.elements.items()} == {"triangle3": 14, "quad4": 4}
+    assert measures.faulty_elements(mesh) == [] and content(mesh) == pytest.approx(2, rel=1e-11)  # Gmsh's middles of edges
+    assert counts_of(mesh) == ({"soil": 14, "air": 4}, {"base": 4, "left wall": 2})
+    assert (mesh.nodes[mesh.elements["triangle3"]][..., 0] <= 1).all()
+    base, left = (mesh.nodes[mesh.sides[mesh.side_group == k][:, :2]] for k in (1, 2))
+    assert (base[..., 1] == 0).all() and (left[..., 0] == 0).all()
+    told = capsys.readouterr().out
+    assert "left out of side interface: 2 of 2" in told and "without a name: 6 of 12 boundary sides" in told
+
+
+@pytest.mark.parametrize("suffix", [".vtk", ".vtu", ".msh", ".22.msh", ".mesh"])
+@pytest.mark.parametrize("words", [["hybrid", "--cells", "6,3", "--distort", "0.2"], ["block", "--type", "hexahedron8", "--cells", "3,2,2"],
+                                   ["tet_block", "--cells", "2,2,2"], ["block", "--type", "quad8", "--cells", "3,2"],
+                                   ["block", "--type", "quad9", "--cells", "3,2"], ["block", "--type", "triangle6", "--cells", "3,2"]])
+def test_there_and_back(words, suffix, tmp_path):
+    """Meshes written by meshio come back with all nodes of all elements in their places"""
+    meshio = pytest.importorskip("meshio")
+    if suffix == ".msh" and "hybrid" in words:
+        pytest.skip("meshio writes Gmsh 4.1 only with one kind of elements; tests/data/meshes has such a file of Gmsh")
+    if suffix == ".mesh" and {"quad8", "quad9", "triangle6"} & set(words):
+        pytest.skip("Medit files have linear elements only")
+    mesh = made(tmp_path, *words)
+    names = {kind: name for name, kind in convert_mesh.KIND_OF.items()}
+    points = np.zeros((len(mesh.nodes) + 1, 3))  # one that no element has
+    points[:-1, :mesh.dim] = mesh.nodes
+    path = tmp_path / f"x{suffix}"
+    meshio.Mesh(points, [(names[kind], table) for kind, table in mesh.elements.items()]).write(
+        path, **({"file_format": "gmsh22" if "22" in suffix else "gmsh"} if "msh" in suffix else {}))
+    back = converted(tmp_path, path)
+    assert list(back.elements) == list(mesh.elements) and len(back.nodes) == len(mesh.nodes)
+    for kind, table in mesh.elements.items():
+        np.testing.assert_allclose(back.nodes[back.elements[kind]], mesh.nodes[table], atol=1e-14)  # some files hold decimal numbers
+
+
+def test_numbers_of_groups_from_vtk(tmp_path):
+    meshio = pytest.importorskip("meshio")
+    mesh = made(tmp_path, "block", "--cells", "3,1")
+    meshio.Mesh(mesh.nodes, [("quad", mesh.elements["quad4"])], cell_data={"material": [np.array([0, 7, 7])]}).write(tmp_path / "x.vtu")
+    assert counts_of(converted(tmp_path, tmp_path / "x.vtu", "--groups-from", "material"))[0] == {"material_7": 2}
+    assert "there are: material" in refused(convert_mesh.main, tmp_path / "x.vtu", tmp_path / "o.h5", "--groups-from", "colour")
+
+
+ABAQUS = """*HEADING
+ a square of two triangles beside one of a quad
+** comment
+*Node, NSET=all
+10, 0., 0.
+20, 1., 0.
+30, 2., 0.
+11, 0., 1.
+21, 1., 1.
+31, 2., 1.
+99, 5., 5.
+*Element, type=CPE3, elset=soft
+1, 10, 20, 21
+2, 10, 21, 11
+*Element, type=CPE4R
+5, 20, 30, 31, 21
+*Element, type=T2D2, elset=base
+7, 10, 20
+8, 20, 30
+*Elset, elset=stiff, generate
+5, 6, 1
+*Elset, elset=everything
+soft, 5
+*Nset, nset=right_nodes
+30, 31
+*Surface, type=ELEMENT, name=top
+2, S2
+stiff, S3
+*Material, name=steel
+*Elastic
+1.0, 0.3
+*End
+"""
+
+
+def test_abaqus_file_with_sets_and_surfaces(tmp_path, capsys):
+    source = tmp_path / "x.inp"
+    source.write_text(ABAQUS)
+    mesh = converted(tmp_path, source, "--ignore", "everything", "--node-sets", "right_nodes", "--scale", "0.001")
+    assert mesh.nodes.tolist() == [[0, 0], [0.001, 0], [0.002, 0], [0, 0.001], [0.001, 0.001], [0.002, 0.001]]
+    assert {kind: (table + 1).tolist() for kind, table in mesh.elements.items()} == \
+        {"triangle3": [[1, 2, 5], [1, 5, 4]], "quad4": [[2, 3, 6, 5]]}
+    assert counts_of(mesh) == ({"soft": 2, "stiff": 1}, {"base": 2, "top": 2, "right_nodes": 1})
+    top = mesh.sides[mesh.side_group == mesh.side_groups.index("top") + 1]
+    assert sorted(map(sorted, (top[:, :2] + 1).tolist())) == [[4, 5], [5, 6]]
+    told = capsys.readouterr().out
+    assert "left out: 1 nodes that no element has" in told and "left out: sets of nodes all" in told
+    only = converted(tmp_path, source, "--only", "everything")
+    assert counts_of(only) == ({"everything": 3}, {})
+
+
+@pytest.mark.parametrize("change, words, message", [
+    (("", ""), [], "2 triangle3 elements are in the groups soft and everything (the first: 1)"),
+    (("", ""), ["--only", "none"], "--only none: no such group; there are: base everything soft stiff top"),
+    (("", ""), ["--only", "soft", "--node-sets", "none"], "there are: all right_nodes"),
+    (("1, 10, 20, 21", "1, 10, 21, 20"), ["--only", "soft"], "1 triangle3 elements have a negative volume (--fix-orientation turns them around): 1"),
+    (("21, 1., 1.", "21, 1.9, 0.05"), ["--only", "soft", "--fix-orientation"], "1 quad4 elements are twisted"),
+    (("1, 10, 20, 21", "1, 10, 20, 20"), ["--only", "soft"], "1 triangle3 elements have no volume: 1"),
+    (("5, 20, 30, 31, 21", "5, 20, 30, 31, 77"), [], "line 16: an element of CPE4R with a node that is not there: 77"),
+    (("5, 20, 30, 31, 21", "5, 20, 30, 31"), [], "line 16: the last element of CPE4R has 3 nodes"),
+    (("30, 2., 0.", "20, 2., 0."), [], "line 7: node 20 was there before"),
+    (("2, S2", "2, S4"), [], "line 27: surface top: element 2 has no side S4"),
+    (("21, 1., 1.", "21, 1., 1., 1."), ["--only", "soft"], "surfaces in space, z from 0 to 1"),
+    (("CPE4R", "XYZ4"), [], "1 XYZ4, which gimp.x does not have"),
+    (("soft, 5", "hard, 5"), [], "a set names 'hard'"),
+    (("*HEADING", "*INCLUDE, INPUT=other.inp"), [], "line 1: *INCLUDE"),
+    (("2, 10, 21, 11", "2, 10, 21, 11\n3, 11, 10, 21\n4, 21, 11, 10"), ["--only", "soft"], "at most two may share one"),
+])
+def test_abaqus_file_is_refused(change, words, message, tmp_path):
+    source = tmp_path / "x.inp"
+    assert change[0] in ABAQUS
+    source.write_text(ABAQUS.replace(*change, 1) if change[0] else ABAQUS)
+    assert message in refused(convert_mesh.main, source, tmp_path / "o.h5", *words)
+    assert not (tmp_path / "o.h5").exists()
+
+
+def test_turned_elements_are_turned_around(tmp_path, capsys):
+    source = tmp_path / "x.inp"
+    source.write_text(ABAQUS.replace("5, 20, 30, 31, 21", "5, 21, 31, 30, 20"))
+    mesh = converted(tmp_path, source, "--only", "soft", "--fix-orientation")
+    assert measures.faulty_elements(mesh) == [] and content(mesh) == pytest.approx(2)
+    assert "turned around: 1 quad4" in capsys.readouterr().out
+
+
+def test_nodes_at_one_place_are_told_and_merged(tmp_path, capsys):
+    source = tmp_path / "x.inp"
+    source.write_text(ABAQUS.replace("31, 2., 1.", "31, 2., 1.\n40, 1., 0.\n41, 1., 1.0000001").replace("5, 20, 30, 31, 21", "5, 40, 30, 31, 41"))
+    parted = converted(tmp_path, source, "--only", "soft")
+    assert "note: 1 nodes lie at the place of another one" in capsys.readouterr().out
+    joined = converted(tmp_path, source, "--only", "soft", "--merge", "1e-5")
+    assert "joined with another node: 2" in capsys.readouterr().out
+    assert [len(mf.boundary_sides(mesh)) for mesh in (parted, joined)] == [8, 6] and len(joined.nodes) == 6
+
+
+@pytest.mark.parametrize("cells, message", [
+    ([("wedge", [[0, 1, 2, 3, 4, 5]]), ("tetra", [[0, 1, 2, 3]])], "1 wedge, which gimp.x does not have; it has: tetrahedron4 hexahedron8. Mesh with"),
+    ([("pyramid", [[0, 1, 2, 3, 4]]*2)], "2 pyramid"),
+    ([("tetra10", [list(range(10))])], "1 tetra10, which gimp.x does not have; it has: tetrahedron4 hexahedron8. Save with elements of first order"),
+    ([("hexahedron20", [list(range(20))])], "1 hexahedron20"),
+    ([("vertex", [[0]])], "has no elements"),
+])
+def test_elements_that_gimp_does_not_have(cells, message, tmp_path):
+    meshio = pytest.importorskip("meshio")
+    points = np.random.RandomState(1).random_sample((20, 3))
+    meshio.Mesh(points, [(kind, np.array(table)) for kind, table in cells]).write(tmp_path / "x.vtu")
+    assert message in refused(convert_mesh.main, tmp_path / "x.vtu", tmp_path / "o.h5")
+
+
+def test_other_planes(tmp_path):
+    meshio = pytest.importorskip("meshio")
+    meshio.Mesh([(0, 7.0, 0), (1, 7.0, 0), (0, 7.0, 2)], [("triangle", np.array([[0, 1, 2]]))]).write(tmp_path / "x.vtu")
+    assert "z from 0 to 2" in refused(convert_mesh.main, tmp_path / "x.vtu", tmp_path / "o.h5")
+    assert converted(tmp_path, tmp_path / "x.vtu", "--plane", "xz").nodes.tolist() == [[0, 0], [1, 0], [0, 2]]
+
+
+@pytest.mark.parametrize("name, text, message", [("x.msh", "no mesh", "cannot be read as a mesh"), ("x.abc", "no mesh", "Could not deduce"),
+                                                 ("x.inp", "*NODE\n1, 0, x\n", "line 2: a node has"), ("x.inp", "no mesh", "has no elements")])
+def test_files_that_are_no_meshes(name, text, message, tmp_path):
+    if not name.endswith(".inp"):
+        pytest.importorskip("meshio")
+    (tmp_path / name).write_text(text)
+    assert message in refused(convert_mesh.main, tmp_path / name, tmp_path / "o.h5")
+    assert "no such file" in refused(convert_mesh.main, tmp_path / "other.msh", tmp_path / "o.h5")
+
+
+@pytest.mark.parametrize("surface, message", [
+    ("1 0 0 0 1 1 0 0 4 1 7 5 6", "others have none, which meshio cannot read; save without Mesh.SaveAll"),
+    ("1 0 0 0 1 1 0 2 1 2 4 1 7 5 6", "14 triangle3 elements are in the groups soil and air"),
+])
+def test_physical_groups_that_cannot_be_used(surface, message, tmp_path):
+    pytest.importorskip("meshio")
+    text = (REPOSITORY / "tests" / "data" / "meshes" / "gmsh_41.msh").read_text()
+    assert "1 0 0 0 1 1 0 1 1 4 1 7 5 6" in text
+    (tmp_path / "x.msh").write_text(text.replace("1 0 0 0 1 1 0 1 1 4 1 7 5 6", surface))
+    assert message in refused(convert_mesh.main, tmp_path / "x.msh", tmp_path / "o.h5")
