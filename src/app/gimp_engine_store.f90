@@ -14,7 +14,7 @@ module gimp_engine_store
   use gimp_hash_table, only: find_key
   use gimp_grid, only: nf => fields_per_node, block_key
   use gimp_particles, only: group_t
-  use gimp_engine, only: engine_t, spill_t, n_sums, work_of_pad, pad_edge, make_room
+  use gimp_engine, only: engine_t, spill_t, n_sums, work_of_pad, clear_unused, make_room
   use gimp_borders, only: send_pads
   use gimp_particle_pass, only: tell_signs, complete_pads
   use gimp_list_kernel, only: order_spill
@@ -112,29 +112,19 @@ contains
     type(shared_file_t), intent(in) :: shared
     type(engine_t), intent(in) :: engine
     type(error_t), allocatable, intent(out) :: error
-    real(wp), allocatable :: rows(:, :)
-    integer :: first, last, b, step, edge(3)
-    edge = pad_edge(engine%grid%dim, engine%basis)
+    real(wp), allocatable :: pads(:, :, :)
+    integer :: first, last, b, step
     step = max(1, piece_numbers/(nf*size(engine%pad, 2)))
     do first = 1, engine%table%blocks, step
       last = min(engine%table%blocks, first + step - 1)
-      rows = reshape(engine%pad(:, :, first:last), [nf*size(engine%pad, 2), last - first + 1])
+      pads = engine%pad(:, :, first:last)
       do b = first, last
-        if (.not. engine%drifted(b)) call clear_outermost(edge, rows(:, b - first + 1))
+        call clear_unused(engine, b, pads(:, :, b - first + 1))
       end do
-      call write_rows(shared, "blocks/pads", int(first, i8), rows, error)
+      call write_rows(shared, "blocks/pads", int(first, i8), reshape(pads, [nf*size(pads, 2), size(pads, 3)]), error)
       if (allocated(error)) return
     end do
   end subroutine write_pads
-
-  !> Zeros in the outermost nodes of a pad
-  pure subroutine clear_outermost(edge, pad)
-    integer, intent(in) :: edge(3) !! nodes along each axis; 1 along those that there are not
-    real(wp), intent(inout) :: pad(nf, edge(1), edge(2), edge(3))
-    pad(:, [1, edge(1)], :, :) = 0.0_wp
-    if (edge(2) > 1) pad(:, :, [1, edge(2)], :) = 0.0_wp
-    if (edge(3) > 1) pad(:, :, :, [1, edge(3)]) = 0.0_wp
-  end subroutine clear_outermost
 
   !> What blocks of this rank gave to nodes beyond their pads: in the order of blocks, each in the order in which it is added
   subroutine write_spill(shared, engine, error)

@@ -8,7 +8,7 @@ module gimp_report
   use gimp_ranks, only: this_rank, ranks
   use gimp_over_ranks, only: sum_counts, largest_count
   use gimp_scene, only: scene_t, count_groups, text_of_key, word_of
-  use gimp_engine, only: engine_bytes
+  use gimp_engine, only: least_spacing, engine_bytes
   use gimp_particles, only: live_bytes, field_t
   use gimp_summary, only: put_summary
   use gimp_ranks_report, only: together_t, together_words, write_together
@@ -77,7 +77,7 @@ contains
     type(stepper_t), intent(in) :: s
     associate (t => s%time_options)
       step = t%step
-      if (t%rule == rule_adaptive) step = min(t%end, t%courant*s%engine%grid%spacing/max(s%rate, tiny(1.0_dp)))
+      if (t%rule == rule_adaptive) step = min(t%end, t%courant*least_spacing(s%engine)/max(s%rate, tiny(1.0_dp)))
     end associate
   end function usual_step
 

@@ -11,7 +11,7 @@ module gimp_setup
   use gimp_material_options, only: material_options_t
   use gimp_material_table, only: make_material
   use gimp_verification, only: verification_t, verification_options_t, make_verification, has_body_force
-  use gimp_engine, only: law_t, affine_none, affine_apic, affine_tpic, affine_mls, anti_none, &
+  use gimp_engine, only: least_spacing, law_t, affine_none, affine_apic, affine_tpic, affine_mls, anti_none, &
     anti_f_bar, anti_b_bar, anti_cell_stress
   use gimp_walls, only: walls_t, set_walls, side_of_word, condition_of_word
   use gimp_time_table, only: time_table_t
@@ -563,7 +563,7 @@ contains
         if (is_given(scene, "time", 1, "steps")) then
           n = integer_of(scene, "time", 1, "steps")
         else
-          n = max(1, ceiling(t%end*c/(t%courant*t%reach*s%engine%grid%spacing) - 1.0e-9_dp))
+          n = max(1, ceiling(t%end*c/(t%courant*t%reach*least_spacing(s%engine)) - 1.0e-9_dp))
         end if
         t%step = t%end/n
       case ("fixed")

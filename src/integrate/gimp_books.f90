@@ -11,6 +11,7 @@ module gimp_books
   public :: books_t, close_step, energy_residual, energy_drift, stress_update_error, total_energy, momentum_residual, &
     energy_from_nothing
 
+  integer, parameter :: n_search = 7
   real(dp), parameter :: most_gain = 0.5_dp !! energy that a sound step may gain, of what there was
   real(dp), parameter :: small_energy = 1.0e-3_dp !! of the largest energy so far: gains below half of it do not count
 
@@ -40,6 +41,7 @@ module gimp_books
     integer(i8) :: lost_loads = 0 !! load points on inactive nodes
     integer(i8) :: handed = 0 !! particle-steps in which light nodes handed on force
     real(dp) :: handed_impulse = 0.0_dp !! of that force [kg m/s], sum of norms
+    integer(i8) :: search(n_search) = 0 !! of a mesh: elements tested beyond the own one, and so on, as the passes count them (gimp_engine)
     integer(i8) :: removed_particles = 0
     integer(i8) :: sorts = 0
     real(dp) :: momentum_start(3) = 0.0_dp !! [kg m/s]

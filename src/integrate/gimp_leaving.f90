@@ -30,7 +30,8 @@ contains
         do c = particles%groups(g)%first, particles%groups(g)%last
           do l = 1, lanes
             if (particles%id(l, c) == 0) cycle
-            do k = 1, grid%dim
+            if (grid%is_mesh) marks(l, c) = particles%p(l, max(1, particles%element%first), c) < 0.0_wp ! the pass has seen it
+            do k = 1, merge(0, grid%dim, grid%is_mesh)
               x = real(particles%p(l, k, c), dp) + particles%groups(g)%at(k)*grid%edge(k)
               if (s%walls%side(1, k)%removes .and. x < 0.0_dp) marks(l, c) = .true.
               if (s%walls%side(2, k)%removes .and. x > grid%cells(k)) marks(l, c) = .true.

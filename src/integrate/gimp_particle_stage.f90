@@ -7,8 +7,10 @@ module gimp_particle_stage
   use gimp_ranks, only: this_rank, ranks
   use gimp_over_ranks, only: sum_counts, largest_count, share_text
   use gimp_basis, only: basis_ddmp
-  use gimp_engine, only: pass_t, sum_external, sum_plastic, sum_clamped, sum_wide, sum_detached, sum_impulse, sum_handed, sum_handed_impulse, peak_rate, peak_speed, peak_strain, &
-    fate_fine, fate_inverted, fate_outside, fate_jumped, sign_failed, sign_inside, sign_restless, sign_spills
+  use gimp_engine, only: pass_t, sum_external, sum_plastic, sum_clamped, sum_wide, sum_detached, sum_impulse, sum_handed, sum_handed_impulse, sum_visits, sum_beyond, peak_rate, peak_speed, peak_strain, &
+    engine_t, fate_fine, fate_inverted, fate_outside, fate_jumped, fate_far, sign_failed, sign_inside, sign_restless, sign_spills
+  use gimp_mesh, only: kind_name
+  use gimp_search, only: found_t, find_element
   use gimp_particle_pass, only: particle_pass
   use gimp_cell_pass, only: evens_strain, evens_stress, rates_to_cells, stress_to_cells
   use gimp_resort, only: sort_particles
@@ -89,6 +91,7 @@ contains
       s%books%clamped = s%books%clamped + nint(s%sums(sum_clamped), i8)
       s%books%detached = s%books%detached + nint(s%sums(sum_detached), i8)
       s%books%wide_chunks = s%books%wide_chunks + nint(s%sums(sum_wide), i8)
+      s%books%search = s%books%search + nint(s%sums(sum_visits:sum_beyond), i8)
       s%books%handed = s%books%handed + nint(s%sums(sum_handed), i8)
       s%books%handed_impulse = s%books%handed_impulse + s%sums(sum_handed_impulse)
       if (engine%told(sign_spills) > 0.0_dp) s%books%spilled = s%books%spilled &
@@ -160,12 +163,37 @@ contains
       why = "it has left the grid"
       if (s%engine%grid%open_degree > 0) why = "it has left the box, where open-knot splines end (spline_boundary = 'ghost' goes on)"
       if (s%engine%basis == basis_ddmp) why = "it has left the box, where the smeared gradients of ddmp end"
-    case (fate_jumped); why = "it moved by more than a block in one step"
+      if (s%engine%grid%is_mesh) why = "it has left the mesh"//side_crossed(s%engine, c, l)
+    case (fate_jumped)
+      why = "it moved by more than a block in one step"
+      if (s%engine%grid%is_mesh) why = "it moved by more than an element in one step"
+    case (fate_far)
+      why = "its domain reaches beyond the elements around its patch (domain_limit in &method shortens domains; more particles make them smaller)"
     case default; why = "its position or deformation is not a number"
     end select
     message = "step "//text_of(s%step + 1)//", t = "//text_of(s%time)//" s, dt = "//text_of(s%dt)//" s: particle " &
                //text_of(s%engine%particles%id(l, c))//" at"//where//" m: "//why
   end subroutine tell_fate
+
+  !> Through which side of the mesh a particle left it, in words
+  function side_crossed(engine, c, l) result(words)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: c, l !! chunk, lane
+    character(len=:), allocatable :: words
+    type(found_t) :: found
+    integer :: d, e
+    d = engine%grid%dim
+    associate (p => engine%particles%p(l, :, c), v => engine%particles%velocity%first)
+      call find_element(engine%mesh, engine%locator, engine%search_rule, p(:d), p(v:v + d - 1), abs(nint(p(engine%particles%element%first))), found)
+    end associate
+    words = ""
+    if (found%side == 0) return
+    e = engine%mesh%side_element(found%side)
+    words = " through a side without a name"
+    if (engine%mesh%side_group(found%side) > 0) words = " through side '"//trim(engine%mesh%side_group_name(engine%mesh%side_group(found%side)))//"'"
+    words = words//" of "//trim(kind_name(engine%mesh%kind(e)))//" element "//text_of(engine%mesh%element_in_file(e)) &
+            //" (a &boundary with a condition holds it back, condition = 'free' with leaving = 'remove' takes it out)"
+  end function side_crossed
 
   !> Whether the particles that left the grid did so at less than a cell per step: then they go there with any step
   pure logical function walked_out(s)

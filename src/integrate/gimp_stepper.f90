@@ -7,7 +7,7 @@ module gimp_stepper
   use gimp_text, only: text_of
   use gimp_timer, only: seconds_now
   use gimp_particles, only: few_chunks
-  use gimp_engine, only: pass_t, affine_none
+  use gimp_engine, only: leaving_removes, pass_t, affine_none
   use gimp_walls, only: move_walls
   use gimp_nodes, only: stage_full, stage_velocity, stage_kick, stage_project
   use gimp_books, only: close_step
@@ -258,6 +258,7 @@ contains
     logical, allocatable :: leaving(:, :)
     logical :: removes, filters
     removes = any(s%walls%side%removes)
+    if (allocated(s%engine%leaving)) removes = any(s%engine%leaving == leaving_removes)
     filters = .false.
     if (s%method%filter_every > 0) filters = modulo(s%step + 1, int(s%method%filter_every, i8)) == 0
     s%sort_now = s%sort_now .or. filters ! which takes the particles of a cell from one block

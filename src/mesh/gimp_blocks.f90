@@ -10,7 +10,7 @@ module gimp_blocks
   use omp_lib, only: omp_get_max_threads
   implicit none(type, external)
   private
-  public :: few_blocks, block_table_t, build_blocks, neighbour, slot_of_node, node_in_block
+  public :: few_blocks, block_table_t, build_blocks, block_with_key, clear_neighbours, neighbour, slot_of_node, node_in_block
 
   integer, parameter :: few_blocks = 32 !! up to so many blocks or slots are not worth waking other threads for
 
@@ -22,9 +22,9 @@ module gimp_blocks
     integer, allocatable :: block_at(:, :) !! (3, block) position in blocks, ghosts included
     integer, allocatable :: slot_at(:, :) !! (3, slot) position in blocks
     integer(i8), allocatable :: block_code(:) !! (block) key, ghosts included
-    integer, allocatable :: slot_near(:, :) !! (27, block) slots around a block, itself at 14
-    integer, allocatable :: block_near(:, :) !! (27, slot) blocks around a slot, 0 where there is none
-    integer, allocatable :: own_block(:) !! (slot) its particle block or 0
+    integer, allocatable :: slot_near(:, :) !! (27, block) slots around a block, itself at 14; of a mesh: (most slots of a pad, block), those of its pad
+    integer, allocatable :: block_near(:, :) !! (27, slot) blocks around a slot, 0 where there is none; of a mesh: (most pads of a slot, slot)
+    integer, allocatable :: own_block(:) !! (slot) its particle block or 0; of a mesh: 0
     logical, allocatable :: booked(:) !! (slot) this rank counts it in sums: every slot is counted by one rank
     type(hash_table_t) :: slot_of !! key -> slot
   end type block_table_t
@@ -112,12 +112,7 @@ contains
     integer, intent(in) :: dim
     integer(i8) :: around(27)
     integer :: b, s, k
-    if (allocated(table%slot_near)) deallocate (table%slot_near, table%block_near, table%own_block, table%block_code, table%booked)
-    allocate (table%slot_near(27, table%blocks), source=0)
-    allocate (table%block_near(27, table%slots), source=0)
-    allocate (table%own_block(table%slots), source=0)
-    allocate (table%booked(table%slots), source=.true.)
-    allocate (table%block_code(table%blocks + table%ghosts))
+    call clear_neighbours(table, 27, 27)
     !$omp parallel do schedule(static) private(around, k, s) if(table%blocks > few_blocks)
     do b = 1, table%blocks
       around = keys_around(table%block_at(:, b))
@@ -141,6 +136,38 @@ contains
       end do
     end do
   end subroutine connect
+
+  !> Room for the neighbours of all blocks and slots, none yet
+  subroutine clear_neighbours(table, most_slots, most_blocks)
+    type(block_table_t), intent(inout) :: table
+    integer, intent(in) :: most_slots, most_blocks !! near a block, near a slot
+    if (allocated(table%slot_near)) deallocate (table%slot_near, table%block_near, table%own_block, table%block_code, table%booked)
+    allocate (table%slot_near(most_slots, table%blocks), source=0)
+    allocate (table%block_near(most_blocks, table%slots), source=0)
+    allocate (table%own_block(table%slots), source=0)
+    allocate (table%booked(table%slots), source=.true.)
+    allocate (table%block_code(table%blocks + table%ghosts))
+  end subroutine clear_neighbours
+
+  !> The block of this rank with a key, 0 if there is none; keys are in ascending order
+  pure integer function block_with_key(table, key) result(block)
+    type(block_table_t), intent(in) :: table
+    integer(i8), intent(in) :: key
+    integer :: low, high
+    low = 1
+    high = table%blocks
+    do while (low < high)
+      block = (low + high)/2
+      if (table%block_code(block) < key) then
+        low = block + 1
+      else
+        high = block
+      end if
+    end do
+    block = 0
+    if (low > high) return
+    if (table%block_code(low) == key) block = low
+  end function block_with_key
 
   !> Slot of the block that holds a node, 0 if it is not active
   pure integer function slot_of_node(table, grid, node) result(slot)

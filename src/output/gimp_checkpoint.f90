@@ -20,7 +20,7 @@ module gimp_checkpoint
   public :: write_parcel, read_parcel, longer_lineage, check_lineage
 
   character(len=*), parameter :: kind = "gimp.x checkpoint"
-  integer, parameter :: version = 4 !! of the format: one more with every change that an older program would misread
+  integer, parameter :: version = 5 !! of the format: one more with every change that an older program would misread
   character(len=*), parameter :: newest_end = ".checkpoint.h5", older_end = ".checkpoint.old.h5"
   integer, parameter :: longest_lineage = 30000 !! characters; older entries are forgotten
 

@@ -52,6 +52,7 @@ module gimp_particles
     type(field_t) :: evened !! deformation gradient that laws see, when its changes of volume are averaged over cells
     type(field_t) :: motion !! velocity that the particle moves with, where it is not one of the grid [m/s]
     type(field_t) :: acceleration !! of the last force (generalised alpha, Newmark) [m/s2]
+    type(field_t) :: element !! of the mesh, that the particle is in; negative: beyond a side that takes it out
     type(field_t) :: state !! history of the material
     real(wp), pointer, contiguous :: p(:, :, :) => null() !! (lane, component, chunk)
     integer(i8), pointer, contiguous :: id(:, :) => null() !! (lane, chunk) global number, kept for life; 0: spare lane

@@ -6,7 +6,8 @@
 module gimp_borders
   use gimp_kinds, only: wp, i8
   use gimp_grid, only: block_key, has_images, nf => fields_per_node
-  use gimp_blocks, only: build_blocks
+  use gimp_blocks, only: build_blocks, block_with_key
+  use gimp_mesh_blocks, only: build_mesh_blocks
   use gimp_images, only: images_wanted, build_images, related_blocks
   use gimp_hash_table, only: find_key
   use gimp_sorting, only: rank_keys, sort_order
@@ -30,19 +31,39 @@ contains
     type(engine_t), intent(inout) :: engine
     integer, intent(in) :: block_at(:, :) !! (3, block)
     integer, allocatable :: extra(:, :), ghost_at(:, :)
+    if (engine%grid%is_mesh) then
+      call build_tables_of_mesh(engine, block_at)
+      return
+    end if
     call images_wanted(engine%grid, block_at, extra)
     if (ranks == 1) then
       call build_blocks(engine%table, engine%grid, block_at, extra)
       call build_images(engine%grid, engine%table, engine%images)
       return
     end if
-    call find_ghosts(engine%grid, engine%border, block_at, ghost_at)
+    call find_ghosts(engine%grid, engine%patches, engine%border, block_at, ghost_at)
     call add_related(engine%grid, engine%border, block_at, extra)
     call build_blocks(engine%table, engine%grid, block_at, extra, ghost_at)
     call build_images(engine%grid, engine%table, engine%images)
     call book_slots(engine%grid, engine%table)
     call lay_channel(engine, engine%border%always_whole)
   end subroutine build_tables
+
+  !> The same of the patches of a mesh, which has no images
+  subroutine build_tables_of_mesh(engine, block_at)
+    type(engine_t), intent(inout) :: engine
+    integer, intent(in) :: block_at(:, :) !! (3, block)
+    integer, allocatable :: ghost_at(:, :)
+    if (.not. allocated(engine%images)) allocate (engine%images(0))
+    if (ranks == 1) then
+      call build_mesh_blocks(engine%table, engine%patches, block_at)
+      return
+    end if
+    call find_ghosts(engine%grid, engine%patches, engine%border, block_at, ghost_at)
+    call build_mesh_blocks(engine%table, engine%patches, block_at, ghost_at)
+    call book_slots(engine%grid, engine%table)
+    call lay_channel(engine, engine%border%always_whole)
+  end subroutine build_tables_of_mesh
 
   ! ------------------------------------------------------------------------------------------------ pads
 
@@ -69,7 +90,7 @@ contains
         get%low(:, n) = low
         get%high(:, n) = high
         asked(2*n - 1) = table%block_code(table%blocks + g)
-        asked(2*n) = packed(low, high)
+        asked(2*n) = merge(packed_run(low, high), packed(low, high), engine%grid%is_mesh)
         to_count(border%ghost_rank(g)) = to_count(border%ghost_rank(g)) + 2
       end do
       get%block = get%block(:n)
@@ -80,8 +101,12 @@ contains
       n = size(heard)/2
       allocate (give%block(n), give%low(3, n), give%high(3, n))
       do g = 1, n
-        give%block(g) = table%own_block(find_key(table%slot_of, heard(2*g - 1)))
-        call unpack_box(heard(2*g), give%low(:, g), give%high(:, g))
+        give%block(g) = block_with_key(table, heard(2*g - 1))
+        if (engine%grid%is_mesh) then
+          call unpack_run(heard(2*g), give%low(:, g), give%high(:, g))
+        else
+          call unpack_box(heard(2*g), give%low(:, g), give%high(:, g))
+        end if
       end do
       call close_channel(border%channel)
       call cut_messages(to_count/2, get, border%channel%from, border%channel%from_first)
@@ -114,6 +139,10 @@ contains
     integer, intent(in) :: ghost
     integer, intent(out) :: low(3), high(3)
     integer :: pad_low(3), pad_high(3), off(3), s, x, y, z, step(3)
+    if (engine%grid%is_mesh) then
+      call nodes_wanted(engine, ghost, low, high)
+      return
+    end if
     step = merge(reach, 0, [1, 2, 3] <= engine%grid%dim)
     call pad_box(engine, pad_low, pad_high)
     low = huge(low)
@@ -144,6 +173,26 @@ contains
 
   end subroutine part_wanted
 
+  !> The nodes of a patch's pad that are in slots of this rank, from the first to the last of them; nodes count from 0
+  subroutine nodes_wanted(engine, ghost, low, high)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: ghost
+    integer, intent(out) :: low(3), high(3)
+    integer :: patch, k, i
+    low = 0
+    high = 0
+    high(1) = -1
+    patch = engine%table%block_at(1, ghost)
+    associate (patches => engine%patches)
+      do i = patches%pad_first(patch), patches%pad_first(patch + 1) - 1
+        k = patches%near(patches%near_first(patch) + patches%pad_near(i) - 1)
+        if (find_key(engine%table%slot_of, block_key([k, 0, 0])) == 0) cycle
+        if (high(1) < 0) low(1) = i - patches%pad_first(patch)
+        high(1) = i - patches%pad_first(patch)
+      end do
+    end associate
+  end subroutine nodes_wanted
+
   !> First and last node of a pad, from the first node of its block
   pure subroutine pad_box(engine, low, high)
     type(engine_t), intent(in) :: engine
@@ -171,6 +220,19 @@ contains
       high(k) = int(ibits(word, 16*(3 - k), 8)) - 8
     end do
   end subroutine unpack_box
+
+  !> The same of consecutive nodes of a patch's pad
+  pure integer(i8) function packed_run(low, high)
+    integer, intent(in) :: low(3), high(3)
+    packed_run = shiftl(int(low(1), i8), 32) + high(1)
+  end function packed_run
+
+  pure subroutine unpack_run(word, low, high)
+    integer(i8), intent(in) :: word
+    integer, intent(out) :: low(3), high(3)
+    low = [int(shiftr(word, 32)), 0, 0]
+    high = [int(iand(word, int(z"FFFFFFFF", i8))), 0, 0]
+  end subroutine unpack_run
 
   !> Messages: the parts of each rank, and the words they need at most: one for each part, then its nodes
   subroutine cut_messages(parts_of_rank, parts, list, first_word)
@@ -216,12 +278,17 @@ contains
   end subroutine receive_pads
 
   !> The part of a pad that is in use: without drift its outermost nodes are not
-  pure subroutine shrink(engine, drifted, low, high)
+  pure subroutine shrink(engine, drifted, block, low, high)
     type(engine_t), intent(in) :: engine
     logical, intent(in) :: drifted
+    integer, intent(in) :: block
     integer, intent(inout) :: low(3), high(3)
     integer :: pad_low(3), pad_high(3), d
     if (drifted) return
+    if (engine%grid%is_mesh) then
+      high(1) = min(high(1), engine%patches%inner(engine%table%block_at(1, block)) - 1)
+      return
+    end if
     d = engine%grid%dim
     call pad_box(engine, pad_low, pad_high)
     low(:d) = max(low(:d), pad_low(:d) + 1)
@@ -242,7 +309,7 @@ contains
           at(q) = word
           drifted = engine%drifted(give%block(q)) .or. all_of_them
           channel%out(word) = merge(1_i8, 0_i8, drifted)
-          word = word + 1 + part_words(engine, drifted, give%low(:, q), give%high(:, q))
+          word = word + 1 + part_words(engine, drifted, give%block(q), give%low(:, q), give%high(:, q))
         end do
         channel%to_words(k) = word - channel%to_first(k)
       end do
@@ -265,7 +332,7 @@ contains
         do q = get%first(k), get%first(k + 1) - 1
           at(q) = word
           engine%drifted(get%block(q)) = channel%in(word) == 1
-          word = word + 1 + part_words(engine, channel%in(word) == 1, get%low(:, q), get%high(:, q))
+          word = word + 1 + part_words(engine, channel%in(word) == 1, get%block(q), get%low(:, q), get%high(:, q))
         end do
       end do
       !$omp parallel do schedule(static) if(size(at) > few_parts)
@@ -277,14 +344,14 @@ contains
   end subroutine unpack_pads
 
   !> Words of the nodes of a part that are in use
-  pure integer(i8) function part_words(engine, drifted, low, high)
+  pure integer(i8) function part_words(engine, drifted, block, low, high)
     type(engine_t), intent(in) :: engine
     logical, intent(in) :: drifted
-    integer, intent(in) :: low(3), high(3)
+    integer, intent(in) :: block, low(3), high(3)
     integer :: first(3), last(3)
     first = low
     last = high
-    call shrink(engine, drifted, first, last)
+    call shrink(engine, drifted, block, first, last)
     part_words = node_words(product(max(0, last - first + 1)))
   end function part_words
 
@@ -296,19 +363,21 @@ contains
     integer(i8), intent(inout), contiguous, target :: words(:) !! of all messages
     integer(i8), intent(in) :: at !! where its nodes begin there
     real(wp), pointer, contiguous :: nodes(:)
-    integer :: first(3), last(3), n
+    integer :: first(3), last(3), edge(3), n
     first = low
     last = high
-    call shrink(engine, drifted, first, last)
+    call shrink(engine, drifted, block, first, last)
     n = product(max(0, last - first + 1))
     if (n == 0) return
     first = first + pad_shift(engine)
     last = last + pad_shift(engine)
+    edge = pad_edge(engine%grid%dim, engine%basis)
+    if (engine%grid%is_mesh) edge = [size(engine%pad, 2), 1, 1]
     call c_f_pointer(c_loc(words(at)), nodes, [nf*n])
     if (pack) then
-      call take_part(pad_edge(engine%grid%dim, engine%basis), first, last, engine%pad(:, :, block), nodes)
+      call take_part(edge, first, last, engine%pad(:, :, block), nodes)
     else
-      call put_part(pad_edge(engine%grid%dim, engine%basis), first, last, nodes, engine%pad(:, :, block))
+      call put_part(edge, first, last, nodes, engine%pad(:, :, block))
     end if
   end subroutine move_part
 
@@ -316,7 +385,7 @@ contains
   pure function pad_shift(engine) result(shift)
     type(engine_t), intent(in) :: engine
     integer :: shift(3)
-    shift = merge(drift, 0, [1, 2, 3] <= engine%grid%dim)
+    shift = merge(drift, 0, [1, 2, 3] <= engine%grid%dim .and. .not. engine%grid%is_mesh)
   end function pad_shift
 
   pure subroutine take_part(edge, low, high, pad, nodes)
@@ -449,7 +518,7 @@ contains
     subroutine note_owners(s)
       integer, intent(in) :: s
       integer :: r
-      do k = 1, 27
+      do k = 1, size(engine%table%block_near, 1)
         if (engine%table%block_near(k, s) <= engine%table%blocks) cycle
         r = engine%border%ghost_rank(engine%table%block_near(k, s) - engine%table%blocks)
         if (any(list(:n) == r)) cycle

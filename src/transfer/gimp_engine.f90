@@ -4,6 +4,10 @@ module gimp_engine
   use gimp_grid, only: grid_t, nodes_per_block, fields_per_node
   use gimp_blocks, only: block_table_t
   use gimp_images, only: image_t
+  use gimp_mesh, only: mesh_t
+  use gimp_patches, only: patches_t
+  use gimp_mesh_dual, only: smear_t
+  use gimp_search, only: locator_t, rule_velocity
   use gimp_particles, only: particles_t, chunk_bytes, id_bytes
   use gimp_basis, only: basis_linear, support_width
   use gimp_point_domains, only: point_rule_t
@@ -18,12 +22,14 @@ module gimp_engine
   public :: engine_bytes, affine_none, affine_apic, affine_tpic, affine_mls
   public :: offer_tasks, take_task, order_blocks
   public :: engine_t, law_t, pass_t, spill_t, body_force_t, pad_nodes, pad_edge, drift, work_of_pad
-  public :: allot_grid, borrow_pads, make_room, pad_bytes, grid_bytes
+  public :: least_spacing, allot_grid, clear_unused, borrow_pads, make_room, pad_bytes, grid_bytes
   public :: sum_kinetic, sum_external, sum_plastic, sum_clamped, sum_wide, sum_impulse, sum_affine, sum_detached, sum_handed, sum_handed_impulse, n_sums
+  public :: sum_visits, sum_left, sum_by_velocity, sum_by_walk, sum_by_rings, sum_put_back, sum_beyond
+  public :: leaving_stops, leaving_held, leaving_removes
   public :: peak_rate, peak_speed, peak_strain, n_peaks
   public :: sign_failed, sign_inside, sign_restless, sign_spills, sign_wide, n_signs
   public :: motion_none, motion_grid, motion_mean, motion_change
-  public :: fate_fine, fate_inverted, fate_outside, fate_lost, fate_jumped
+  public :: fate_fine, fate_inverted, fate_outside, fate_lost, fate_jumped, fate_far
 
   integer, parameter :: drift = 1 !! cells that a particle may stray from its block before it must be sorted
 
@@ -42,9 +48,13 @@ module gimp_engine
 
   !> Sums of a block over one pass, added exactly afterwards
   integer, parameter :: sum_kinetic = 1, sum_external = 2, sum_plastic = 3, sum_clamped = 4, sum_wide = 5, &
-    sum_impulse = 6, sum_affine = 9, sum_detached = 10, sum_handed = 11, sum_handed_impulse = 12, n_sums = 12
+    sum_impulse = 6, sum_affine = 9, sum_detached = 10, sum_handed = 11, sum_handed_impulse = 12
   !! 6-8: impulse of the forces on particles; 9: energy of their affine part; 11-12: particles whose nodes handed on force, and the
   !! impulse of that
+  !> Of meshes: elements tested beyond the own one, particles that left their element, those found by the velocity, by the walk and by
+  !> rings or buckets; particles put back onto a side; points of domains beyond the mesh
+  integer, parameter :: sum_visits = 13, sum_left = 14, sum_by_velocity = 15, sum_by_walk = 16, sum_by_rings = 17, sum_put_back = 18, &
+    sum_beyond = 19, n_sums = 19
   !> Largest values of a block over one pass
   integer, parameter :: peak_rate = 1 !! square of wave speed plus particle speed [m2/s2]
   integer, parameter :: peak_speed = 2 !! squared particle speed [m2/s2]
@@ -58,7 +68,12 @@ module gimp_engine
   integer, parameter :: sign_wide = 8 !! supports too wide for the fast kernels
   integer, parameter :: n_signs = 8
   !> What became of the worst particle of a block
-  integer, parameter :: fate_fine = 0, fate_inverted = 1, fate_outside = 2, fate_lost = 3, fate_jumped = 4
+  integer, parameter :: fate_fine = 0, fate_inverted = 1, fate_outside = 2, fate_lost = 3, fate_jumped = 4, fate_far = 5
+
+  !> What happens to a particle beyond a boundary side of a mesh
+  integer, parameter :: leaving_stops = 0 !! the run ends
+  integer, parameter :: leaving_held = 1 !! it is put back onto the side
+  integer, parameter :: leaving_removes = 2 !! it is taken out
 
   !> A constitutive law of any kind
   type :: law_t
@@ -125,6 +140,13 @@ module gimp_engine
     type(grid_t) :: grid
     type(block_table_t) :: table
     type(image_t), allocatable :: images(:)
+    type(mesh_t) :: mesh !! in place of the grid's cells, if grid%is_mesh
+    type(patches_t) :: patches !! its blocks
+    type(locator_t) :: locator
+    type(smear_t) :: smear !! smeared gradients of its nodes, with basis = ddmp
+    integer :: search_rule = rule_velocity
+    integer, allocatable :: leaving(:) !! (boundary side of the mesh) what happens to particles beyond it
+    integer, allocatable :: pad_place(:, :) !! (node, thread) place of a node in the pad that the thread works on; elsewhere anything
     type(particles_t) :: particles
     type(law_t), allocatable :: laws(:) !! by material
     class(body_force_t), allocatable :: body_force
@@ -164,6 +186,13 @@ module gimp_engine
   end type engine_t
 
 contains
+
+  !> Edge of a cell, or the least height of an element, as time steps see it [m]
+  pure real(dp) function least_spacing(engine)
+    type(engine_t), intent(in) :: engine
+    least_spacing = engine%grid%spacing
+    if (engine%grid%is_mesh) least_spacing = least_spacing*minval(engine%patches%height)
+  end function least_spacing
 
   !> Nodes along each axis of the pad of a block: its own, the support beyond, and one cell of drift on both sides
   pure function pad_edge(dim, basis) result(n)
@@ -225,7 +254,8 @@ contains
     integer :: n
     associate (table => engine%table)
       n = pad_nodes(engine%grid%dim, engine%basis)
-      call reserve_storage(engine%pad_store, pad_bytes(engine%grid%dim, engine%basis, table%blocks + table%ghosts))
+      if (engine%grid%is_mesh) n = engine%patches%most_pad
+      call reserve_storage(engine%pad_store, real_bytes*fields_per_node*n*(table%blocks + table%ghosts))
       call c_f_pointer(engine%pad_store%address, engine%pad, [fields_per_node, n, table%blocks + table%ghosts])
       engine%pad(:, :, table%blocks + 1:) = 0.0_wp ! parts of them are never sent
       call reserve_storage(engine%grid_store, grid_bytes(table%slots))
@@ -244,8 +274,31 @@ contains
     engine%spill%n = 0
     if (.not. allocated(engine%spill%slot)) call make_room(engine%spill, 64)
     if (allocated(engine%taken)) deallocate (engine%taken)
+    if (engine%grid%is_mesh .and. .not. allocated(engine%pad_place)) then
+      allocate (engine%pad_place(engine%mesh%nodes, omp_get_max_threads()), source=1)
+    end if
     call order_blocks(engine)
   end subroutine allot_grid
+
+  !> Zeros in the nodes of a block's pad that are not in use: without drift the outermost ones
+  pure subroutine clear_unused(engine, block, pad)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: block
+    real(wp), intent(inout) :: pad(:, :) !! (field, node)
+    integer :: edge(3), node(3), i, used
+    if (engine%grid%is_mesh) then
+      associate (patch => engine%table%block_at(1, block))
+        used = merge(engine%patches%pad_first(patch + 1) - engine%patches%pad_first(patch), engine%patches%inner(patch), engine%drifted(block))
+      end associate
+      pad(:, used + 1:) = 0.0_wp
+    else if (.not. engine%drifted(block)) then
+      edge = pad_edge(engine%grid%dim, engine%basis)
+      do i = 1, size(pad, 2)
+        node = [modulo(i - 1, edge(1)), modulo((i - 1)/edge(1), edge(2)), (i - 1)/(edge(1)*edge(2))]
+        if (any(edge > 1 .and. (node == 0 .or. node == edge - 1))) pad(:, i) = 0.0_wp
+      end do
+    end if
+  end subroutine clear_unused
 
   !> Blocks whose pads go to other ranks are worked on first, so that messages travel while the others are
   pure subroutine order_blocks(engine)

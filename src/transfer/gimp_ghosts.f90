@@ -8,6 +8,7 @@ module gimp_ghosts
   use gimp_grid, only: grid_t, block_key, block_at_key, block_of_node, canonical_node, has_images, nodes_per_block
   use gimp_blocks, only: block_table_t
   use gimp_images, only: related_blocks, related_along
+  use gimp_patches, only: patches_t
   use gimp_hash_table, only: hash_table_t, clear_table, insert_key, find_key, list_keys
   use gimp_sorting, only: sort_order
   use gimp_ranks, only: this_rank, ranks, exchange_words
@@ -15,15 +16,16 @@ module gimp_ghosts
   use gimp_border, only: border_t
   implicit none(type, external)
   private
-  public :: reach, find_ghosts, add_related, book_slots, near_images
+  public :: reach, find_ghosts, ranks_near_patch, add_related, book_slots, near_images
 
   integer, parameter :: reach = 2 !! blocks: pads of blocks farther apart have no node in common
 
 contains
 
   !> Tell ranks of the blocks here that may matter to them, and hear of theirs. Collective
-  subroutine find_ghosts(grid, border, block_at, ghost_at)
+  subroutine find_ghosts(grid, patches, border, block_at, ghost_at)
     type(grid_t), intent(in) :: grid
+    type(patches_t), intent(in) :: patches !! of a mesh
     type(border_t), intent(inout) :: border
     integer, intent(in) :: block_at(:, :)
     integer, allocatable, intent(out) :: ghost_at(:, :)
@@ -37,7 +39,11 @@ contains
     n = 0
     do b = 1, size(block_at, 2)
       call insert_key(mine, block_key(block_at(:, b)), b, value)
-      call ranks_near(grid, border%cut, block_at(:, b), near, found)
+      if (grid%is_mesh) then
+        call ranks_near_patch(patches, border%cut, block_at(1, b), near, found)
+      else
+        call ranks_near(grid, border%cut, block_at(:, b), near, found)
+      end if
       do r = 1, found
         if (n == size(told)) then
           told = [told, told]
@@ -64,7 +70,9 @@ contains
     do r = 0, ranks - 1
       do b = 1, int(from_count(r))
         i = i + 1
-        if (.not. matters(grid, mine, block_at_key(heard(i)))) cycle
+        if (.not. grid%is_mesh) then ! patches are told to those only that share slots with them
+          if (.not. matters(grid, mine, block_at_key(heard(i)))) cycle
+        end if
         n = n + 1
         ghost_at(:, n) = block_at_key(heard(i))
         border%ghost_rank(n) = r
@@ -74,6 +82,25 @@ contains
     ghost_at = ghost_at(:, :n)
     border%ghost_rank = border%ghost_rank(:n)
   end subroutine find_ghosts
+
+  !> Other ranks that own patches whose pads have nodes in the same slots as that of a patch
+  subroutine ranks_near_patch(patches, cut, patch, list, n)
+    type(patches_t), intent(in) :: patches
+    integer(i8), intent(in) :: cut(0:)
+    integer, intent(in) :: patch
+    integer, intent(out) :: list(:), n
+    integer :: k, j, s, r
+    n = 0
+    do k = patches%near_first(patch), patches%near_first(patch + 1) - 1
+      s = patches%near(k) + 1 ! lists count slots from 1
+      do j = patches%touch_first(s), patches%touch_first(s + 1) - 1
+        r = rank_of_key(cut, block_key([patches%touch(j), 0, 0]))
+        if (r == this_rank .or. any(list(:n) == r)) cycle
+        n = n + 1
+        list(n) = r
+      end do
+    end do
+  end subroutine ranks_near_patch
 
   !> Other ranks that may have blocks so near to one here that they need nodes which its particles give to
   subroutine ranks_near(grid, cut, at, list, n)
@@ -130,6 +157,7 @@ contains
     integer, intent(in) :: at(3)
     integer :: k
     near_images = .false.
+    if (grid%is_mesh) return
     do k = 1, grid%dim
       if (.not. (grid%periodic(k) .or. grid%mirror_low(k) .or. grid%mirror_high(k))) cycle
       near_images = near_images .or. (at(k) - 1)*grid%edge(k) < 3*grid%edge(k) &

@@ -3,6 +3,7 @@ module gimp_homes
   use gimp_kinds, only: wp, lanes
   use gimp_dual_domain, only: dual_reach
   use gimp_basis, only: basis_linear, basis_cpgimp, basis_bspline2, basis_bspline3, basis_cpdi, basis_cpdi2, basis_gauss, basis_ddmp, narrow_half
+  use gimp_patches, only: cell_of_element
   use gimp_engine, only: engine_t
   implicit none(type, external)
   private
@@ -19,6 +20,10 @@ contains
     integer, intent(out) :: cell(lanes)
     real(wp) :: half(lanes), x(lanes), back(lanes), edge
     integer :: k, l, stride, wrap, in_edge, q
+    if (engine%grid%is_mesh) then
+      call shift_in_mesh(engine, at(1), p(:, engine%particles%element%first), off(:, 1), cell)
+      return
+    end if
     cell = 0
     stride = 1
     do k = 1, engine%grid%dim
@@ -63,6 +68,21 @@ contains
       stride = stride*in_edge
     end do
   end subroutine shift_chunk
+
+  !> The same in a mesh, where a particle knows its element, and positions do not refer to patches
+  pure subroutine shift_in_mesh(engine, patch, element, off, cell)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: patch
+    real(wp), intent(in) :: element(lanes)
+    integer, intent(inout) :: off(lanes)
+    integer, intent(out) :: cell(lanes)
+    integer :: l, e
+    do l = 1, lanes
+      e = min(max(1, nint(abs(element(l)))), engine%mesh%elements) ! spare lanes may hold anything
+      off(l) = engine%patches%of_element(e) - patch
+      cell(l) = cell_of_element(engine%patches, engine%patches%of_element(e), e)
+    end do
+  end subroutine shift_in_mesh
 
   !> Corners of domains go with their particle: whole cells, which is exact
   pure subroutine shift_corners(engine, k, back, components, p)

@@ -15,6 +15,7 @@ module gimp_migration
   use gimp_cuts, only: find_cuts, rank_of_key, is_mine, work_of_ranks
   use gimp_border, only: border_t, repartition_always, repartition_never
   use gimp_homes, only: shift_chunk
+  use gimp_ghosts, only: ranks_near_patch
   use gimp_engine, only: engine_t, work_of_pad
   use, intrinsic :: iso_c_binding, only: c_loc, c_f_pointer
   implicit none(type, external)
@@ -151,10 +152,17 @@ contains
   end subroutine count_travellers
 
   !> Whether all blocks around one are of this rank. No particle moves farther between two sorts: runs stop before.
-  pure logical function all_stay(engine, at)
+  logical function all_stay(engine, at)
     type(engine_t), intent(in) :: engine
     integer, intent(in) :: at(3)
-    integer :: step(3)
+    integer :: step(3), near(ranks), n
+    if (engine%grid%is_mesh) then
+      all_stay = .false.
+      if (at(1) == 0) return ! not sorted yet
+      call ranks_near_patch(engine%patches, engine%border%cut, at(1), near, n)
+      all_stay = n == 0 .and. is_mine(engine%border%cut, block_key(at))
+      return
+    end if
     step = merge(1, 0, [1, 2, 3] <= engine%grid%dim)
     all_stay = is_mine(engine%border%cut, block_key(at - step)) .and. is_mine(engine%border%cut, block_key(at + step))
     if (.not. all_stay .or. .not. any(engine%particles%groups%block > 0)) then

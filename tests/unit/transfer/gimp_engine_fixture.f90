@@ -6,7 +6,12 @@ module gimp_engine_fixture
   use gimp_basis, only: basis_linear, basis_cpgimp, is_sampled
   use gimp_point_domains, only: point_rule_t, corner_rule
   use gimp_corner_domains, only: carried_none, carried_box
-  use gimp_engine, only: engine_t, anti_f_bar, anti_b_bar
+  use gimp_engine, only: engine_t, anti_f_bar, anti_b_bar, leaving_stops
+  use gimp_mesh, only: mesh_t
+  use gimp_patches, only: make_patches
+  use gimp_mesh_connect, only: connect_mesh
+  use gimp_search, only: found_t, make_locator, find_anywhere
+  use gimp_mesh_pads, only: prepare_mesh
   use gimp_neo_hookean, only: neo_hookean_t
   use gimp_pads, only: sum_pads, add_spills
   implicit none(type, external)
@@ -108,8 +113,9 @@ contains
 
   !> An engine with these particles, neo-Hookean materials of different stiffness; particles still have to be sorted
   subroutine make_engine(dim, basis, cells, spacing, cloud, engine, with_force, with_faces, uniform, affine, rule, anti_locking, &
-                         acceleration)
+                         acceleration, mesh)
     integer, intent(in) :: dim, basis
+    type(mesh_t), intent(in), optional :: mesh !! in place of the cells of the grid, not yet connected
     integer, intent(in) :: cells(3)
     real(wp), intent(in) :: spacing !! [m]
     type(cloud_t), intent(in) :: cloud
@@ -170,6 +176,7 @@ contains
         if (acceleration) call add_field(p, "acceleration", dim, p%acceleration)
       end if
       call add_field(p, "reference", dim, p%reference)
+      if (present(mesh)) call add_field(p, "element", 1, p%element)
       allocate (p%groups(size(engine%laws)))
       chunks = 0
       do m = 1, size(engine%laws)
@@ -206,6 +213,7 @@ contains
         end do
       end do
     end associate
+    if (present(mesh)) call put_on_mesh(engine, mesh)
 
   contains
 
@@ -240,6 +248,30 @@ contains
     end subroutine set_field
 
   end subroutine make_engine
+
+  !> A mesh in place of the grid: its patches, and the elements of the particles, which may stand anywhere in it
+  subroutine put_on_mesh(engine, mesh)
+    type(engine_t), intent(inout) :: engine
+    type(mesh_t), intent(in) :: mesh
+    type(found_t) :: found
+    integer :: c, l
+    engine%mesh = mesh
+    engine%grid%is_mesh = .true.
+    engine%grid%edge = 0
+    call make_patches(engine%mesh, engine%patches)
+    call connect_mesh(engine%mesh)
+    call make_locator(engine%mesh, engine%locator)
+    call prepare_mesh(engine)
+    allocate (engine%leaving(size(engine%mesh%side_element)), source=leaving_stops)
+    associate (p => engine%particles)
+      do c = 1, p%chunks
+        do l = 1, lanes
+          call find_anywhere(engine%mesh, engine%locator, p%p(l, :engine%grid%dim, c), found)
+          p%p(l, p%element%first, c) = max(1, found%element)
+        end do
+      end do
+    end associate
+  end subroutine put_on_mesh
 
   !> The particles of an engine as tables in the order of their numbers, which must be 1 to n; positions absolute [cells]
   subroutine read_cloud(engine, cloud)
