@@ -91,7 +91,7 @@ def flat_nodes(points, dim, plane, path, used):
         if high - low > SAME_PLACE*np.ptp(points[used], axis=0).max():
             other = " (or --plane)" if dim == 2 else ""
             raise MeshError(f"{path}: its elements are {'surfaces' if dim == 2 else 'lines'} in space, {'xyz'[k]} from {low:.6g} to {high:.6g}; "
-                            f"{'xyz'[k]} must be the same everywhere{other}. A body inside a closed surface: fill_body.py --surface")
+                            f"{'xyz'[k]} must be the same everywhere{other}. A body inside a closed surface: fill_body.py")
     return points[:, order[:dim]]
 
 

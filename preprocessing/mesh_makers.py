@@ -3,6 +3,8 @@
 Most are lattices: nodes stand at places of a box of whole numbers and are put where a function says. A side belongs to the first
 name whose places of the lattice hold all its corners.
 """
+import math
+
 import numpy as np
 
 from mesh_files import KINDS, Mesh, MeshError, boundary_sides
@@ -140,14 +142,14 @@ def triangle_rows(lower, upper, size):
 def strip(nodes, low, high):
     """Triangles between two chains of nodes, `high` to the left of `low`; each step takes the shorter diagonal"""
     found, i, j = [], 0, 0
+    (below, above), (low, high) = (nodes[low].tolist(), nodes[high].tolist()), (low.tolist(), high.tolist())
     while i < len(low) - 1 or j < len(high) - 1:
         if j == len(high) - 1:
             forward = True
         elif i == len(low) - 1:
             forward = False
         else:
-            below, above = (np.sum((nodes[a] - nodes[b])**2) for a, b in ((low[i + 1], high[j]), (low[i], high[j + 1])))
-            forward = below <= above*(1 + 1e-9)  # ties do not hang on round-off
+            forward = math.dist(below[i + 1], above[j]) <= math.dist(below[i], above[j + 1])*(1 + 1e-9)  # ties do not hang on round-off
         if forward:
             found.append((low[i], low[i + 1], high[j]))
             i += 1
