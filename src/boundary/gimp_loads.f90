@@ -9,9 +9,11 @@
 module gimp_loads
   use gimp_kinds, only: wp, sp, dp, i8, lanes
   use gimp_grid, only: nodes_per_block, nf => fields_per_node, node_mass, canonical_node, block_of_node, block_key
-  use gimp_blocks, only: slot_of_node, node_in_block
+  use gimp_blocks, only: block_table_t, slot_of_node, node_in_block
   use gimp_particles, only: few_chunks
-  use gimp_mesh, only: mesh_t
+  use gimp_mesh, only: mesh_t, kind_nodes
+  use gimp_elements, only: natural_coordinates, shape_values, beyond
+  use gimp_search, only: find_element, found_t, onto_side
   use gimp_side_shares, only: most_side_nodes, share_side
   use gimp_hash_table, only: find_key
   use gimp_ranks, only: ranks, this_rank
@@ -68,7 +70,7 @@ module gimp_loads
     integer :: n = 0
     real(dp), allocatable :: x(:, :) !! (3, point) [cells from the corner of the box]
     real(dp), allocatable :: f(:, :) !! (3, point) [N]
-    integer, allocatable :: block(:) !! (point) of the particle
+    integer, allocatable :: block(:), element(:) !! (point) of the particle; elements on a mesh
     ! what loads on sides of a mesh give to its nodes in the present step
     integer :: n_given = 0
     integer, allocatable :: slot(:), place(:) !! nodes of mass that this rank books
@@ -156,7 +158,7 @@ contains
       end do
     end if
     if (.not. has_particle_loads(loads)) return
-    if (.not. allocated(loads%x)) allocate (loads%x(3, 64), loads%f(3, 64), loads%block(64))
+    if (.not. allocated(loads%x)) allocate (loads%x(3, 64), loads%f(3, 64), loads%block(64), loads%element(64))
     call find_loaded(loads, engine, loaded)
     associate (particles => engine%particles)
       do g = 1, size(particles%groups)
@@ -169,7 +171,8 @@ contains
             do k = 1, size(loads%load)
               if (loads%load(k)%kind == load_point) then
                 if (loads%load(k)%id /= particles%id(l, c)) cycle
-                call add_point(loads, engine%particles%groups(g)%block, place_of(engine, g, c, l), loads%load(k)%vector*factor_at(loads%load(k)%table, time))
+                call add_point(loads, engine%particles%groups(g)%block, element_of(engine, c, l), place_of(engine, g, c, l), &
+                               loads%load(k)%vector*factor_at(loads%load(k)%table, time))
               else if (marks > 0) then
                 call add_faces(loads, engine, g, c, l, loads%load(k), iand(shiftr(marks, 6*loads%load(k)%place), 63_i8), time)
               end if
@@ -214,6 +217,14 @@ contains
     end do
   end function place_of
 
+  !> Element of a particle, 0 on a grid
+  pure integer function element_of(engine, c, l) result(element)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: c, l
+    element = 0
+    if (engine%particles%element%first > 0) element = abs(nint(engine%particles%p(l, engine%particles%element%first, c)))
+  end function element_of
+
   !> The corners of the loaded faces of one particle
   subroutine add_faces(loads, engine, g, c, l, load, faces, time)
     type(loads_t), intent(inout) :: loads
@@ -223,7 +234,8 @@ contains
     integer(i8), intent(in) :: faces !! bits x_low, x_high, y_low, ...
     real(dp), intent(in) :: time
     real(dp) :: x(3), f(3, 3), r(3, 3), s(3, 3), area(3), force(3), side, h
-    integer :: bit, k, d, a, b, q, i, j
+    integer :: bit, k, d, a, b, q, i, j, element
+    element = element_of(engine, c, l)
     d = engine%grid%dim
     h = engine%grid%spacing
     f = 0.0_dp
@@ -262,16 +274,16 @@ contains
       force = force*factor_at(load%table, time)
       select case (d)
       case (1)
-        call add_point(loads, engine%particles%groups(g)%block, x, force)
+        call add_point(loads, engine%particles%groups(g)%block, element, x, force)
       case (2)
         q = merge(a, b, a <= 2)
-        call add_point(loads, engine%particles%groups(g)%block, x - s(:, q), 0.5_dp*force)
-        call add_point(loads, engine%particles%groups(g)%block, x + s(:, q), 0.5_dp*force)
+        call add_point(loads, engine%particles%groups(g)%block, element, x - s(:, q), 0.5_dp*force)
+        call add_point(loads, engine%particles%groups(g)%block, element, x + s(:, q), 0.5_dp*force)
       case default
-        call add_point(loads, engine%particles%groups(g)%block, x - s(:, a) - s(:, b), 0.25_dp*force)
-        call add_point(loads, engine%particles%groups(g)%block, x + s(:, a) - s(:, b), 0.25_dp*force)
-        call add_point(loads, engine%particles%groups(g)%block, x - s(:, a) + s(:, b), 0.25_dp*force)
-        call add_point(loads, engine%particles%groups(g)%block, x + s(:, a) + s(:, b), 0.25_dp*force)
+        call add_point(loads, engine%particles%groups(g)%block, element, x - s(:, a) - s(:, b), 0.25_dp*force)
+        call add_point(loads, engine%particles%groups(g)%block, element, x + s(:, a) - s(:, b), 0.25_dp*force)
+        call add_point(loads, engine%particles%groups(g)%block, element, x - s(:, a) + s(:, b), 0.25_dp*force)
+        call add_point(loads, engine%particles%groups(g)%block, element, x + s(:, a) + s(:, b), 0.25_dp*force)
       end select
     end do
 
@@ -301,9 +313,9 @@ contains
     if (engine%particles%half_length%first > 0) half = engine%particles%p(l, engine%particles%half_length%first + k - 1, c)
   end function initial_half
 
-  subroutine add_point(loads, block, x, f)
+  subroutine add_point(loads, block, element, x, f)
     type(loads_t), intent(inout) :: loads
-    integer, intent(in) :: block
+    integer, intent(in) :: block, element
     real(dp), intent(in) :: x(3), f(3)
     real(dp), allocatable :: wider(:, :)
     if (loads%n == size(loads%x, 2)) then
@@ -314,10 +326,12 @@ contains
       wider(:, :loads%n) = loads%f
       call move_alloc(wider, loads%f)
       loads%block = [loads%block, loads%block]
+      loads%element = [loads%element, loads%element]
     end if
     loads%n = loads%n + 1
     loads%x(:, loads%n) = x
     loads%block(loads%n) = block
+    loads%element(loads%n) = element
     loads%f(:, loads%n) = f
   end subroutine add_point
 
@@ -351,7 +365,7 @@ contains
     if (has_side_loads(loads)) call add_side_loads(loads, engine, slots, masses, cutoff, raw, nowhere)
     part = 0.0_dp
     do q = 1, loads%n
-      call find_nodes(engine, slots, masses, cutoff, loads%block(q), loads%x(:, q), n, slot, place, s, sign)
+      call find_nodes(loads, q, engine, slots, masses, cutoff, n, slot, place, s, sign)
       if (n == 0) nowhere = nowhere + 1
       do k = 1, n
         value(5:7) = real(s(k)*sign(:, k)*loads%f(:, q), wp)
@@ -382,7 +396,7 @@ contains
     real(wp), intent(inout) :: raw(nf, nodes_per_block, slots)
     integer(i8), intent(out) :: nowhere !! summed over ranks: loaded nodes without mass
     real(dp) :: force(3)
-    integer :: l, i, at, last, slot, place, n
+    integer :: l, i, slot, place, n
     n = sum([(size(loads%side(l)%node), l=1, size(loads%side))])
     if (.not. allocated(loads%given)) allocate (loads%given(3, n), loads%slot(n), loads%place(n))
     n = 0
@@ -391,13 +405,9 @@ contains
       associate (load => loads%side(l))
         if (abs(load%now) <= 0.0_dp) cycle
         if (this_rank == 0) nowhere = nowhere + size(load%node) ! from which each rank takes those that it books
-        last = -1
         do i = 1, size(load%node)
-          at = (load%node(i) - 1)/nodes_per_block
-          if (at /= last) slot = find_key(engine%table%slot_of, block_key([at, 0, 0]))
-          last = at
+          call find_place(engine%table, load%node(i), slot, place)
           if (slot == 0) cycle
-          place = 1 + modulo(load%node(i) - 1, nodes_per_block)
           if (.not. masses(node_mass, place, slot) > cutoff) cycle
           force = load%now*load%f(:, i)
           raw(5:7, place, slot) = raw(5:7, place, slot) + real(force, wp)
@@ -413,57 +423,127 @@ contains
     loads%n_given = n
   end subroutine add_side_loads
 
-  !> The nodes of mass around a point and their shares: tents (splines), or where some of the nodes have no mass (the corner of a
-  !> sheared domain may reach beyond the material) those of the others, scaled so that no force is lost. Nodes farther than the
-  !> neighbours of the particle's block do not count.
-  subroutine find_nodes(engine, slots, masses, cutoff, near, x, n, slot, place, s, sign)
+  !> The nodes of mass around a point and their shares: tents (splines, shape functions of a mesh), or where some of the nodes have no mass
+  !> (the corner of a sheared domain may reach beyond the material) those of the others, scaled so that no force is lost. Nodes farther
+  !> than the neighbours of the particle's block do not count.
+  subroutine find_nodes(loads, q, engine, slots, masses, cutoff, n, slot, place, s, sign)
+    type(loads_t), intent(in) :: loads
+    integer, intent(in) :: q !! the point
     type(engine_t), intent(in) :: engine
-    integer, intent(in) :: slots, near !! near: block of the particle
+    integer, intent(in) :: slots
     real(wp), intent(in) :: masses(nf, nodes_per_block, slots), cutoff
+    integer, intent(out) :: n, slot(most), place(most)
+    real(wp), intent(out) :: s(most), sign(3, most)
+    real(wp), parameter :: least_on_mesh = 0.1_wp ! shape functions may be negative: nothing is scaled up beyond its tenfold
+    real(wp) :: total
+    integer :: i, around
+    logical :: complete, on_mesh
+    on_mesh = engine%grid%is_mesh
+    if (on_mesh) then
+      call nodes_of_mesh(engine, loads%block(q), loads%element(q), loads%x(:, q), around, slot, place, s, sign)
+    else
+      call nodes_of_grid(engine, loads%block(q), loads%x(:, q), around, slot, place, s, sign)
+    end if
+    n = 0
+    total = 0.0_wp
+    complete = .true.
+    do i = 1, around
+      if (slot(i) > 0) then
+        if (masses(node_mass, place(i), slot(i)) > cutoff) then
+          n = n + 1
+          slot(n) = slot(i)
+          place(n) = place(i)
+          s(n) = s(i)
+          sign(:, n) = sign(:, i)
+          total = total + s(n)
+          cycle
+        end if
+      end if
+      complete = complete .and. s(i) <= 0.0_wp .and. (s(i) >= 0.0_wp .or. .not. on_mesh)
+    end do
+    if (complete) return
+    if (total > merge(least_on_mesh, 0.0_wp, on_mesh)) then
+      s(:n) = s(:n)/total
+    else if (n > 0) then
+      s(:n) = 1.0_wp/n ! the point lies right on a node without mass
+    end if
+  end subroutine find_nodes
+
+  !> The nodes of the grid around a point: weights, and slots or 0
+  subroutine nodes_of_grid(engine, near, x, n, slot, place, s, sign)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: near !! block of the particle
     real(dp), intent(in) :: x(3)
     integer, intent(out) :: n, slot(most), place(most)
     real(wp), intent(out) :: s(most), sign(3, most)
     type(weight_list_t) :: list
     type(spline_t) :: spline
-    real(wp) :: total, at(3)
+    real(wp) :: at(3)
     integer :: i, home(3), origin(3), target(3), block(3), last(3), last_slot
-    logical :: complete
-    n = 0
     last = huge(1) ! neighbours in the list mostly share a block: one search for all of them
     last_slot = 0
-    total = 0.0_wp
-    complete = .true.
     home = block_of_node(engine%grid, floor(x)) ! weights are found in the coordinates of a block, as those of particles
     origin = home*engine%grid%edge
     spline = make_spline(spline_degree(engine%basis), engine%grid, home)
     at = real(x - origin, wp)
     if (spline%open) at = min(max(at, spline%low), spline%high) ! the corner of a domain may lie outside the box
     call make_weight_list(engine%grid%dim, at, [0.0_wp, 0.0_wp, 0.0_wp], spline, list)
-    do i = 1, list%n
-      call canonical_node(engine%grid, list%node(:, i) + origin, target, sign(:, n + 1))
+    n = list%n
+    do i = 1, n
+      call canonical_node(engine%grid, list%node(:, i) + origin, target, sign(:, i))
       block = block_of_node(engine%grid, target)
       if (any(block /= last)) last_slot = slot_of_node(engine%table, engine%grid, target)
       last = block
-      slot(n + 1) = last_slot
-      if (any(abs(block_of_node(engine%grid, list%node(:, i) + origin) - engine%table%block_at(:, near)) > 1)) slot(n + 1) = 0
-      place(n + 1) = node_in_block(engine%grid, target)
-      if (slot(n + 1) > 0) then
-        if (masses(node_mass, place(n + 1), slot(n + 1)) > cutoff) then
-          n = n + 1
-          s(n) = list%s(i)
-          total = total + list%s(i)
-          cycle
-        end if
-      end if
-      complete = complete .and. list%s(i) <= 0.0_wp
+      slot(i) = last_slot
+      if (any(abs(block_of_node(engine%grid, list%node(:, i) + origin) - engine%table%block_at(:, near)) > 1)) slot(i) = 0
+      place(i) = node_in_block(engine%grid, target)
+      s(i) = list%s(i)
     end do
-    if (complete) return
-    if (total > 0.0_wp) then
-      s(:n) = s(:n)/total
-    else if (n > 0) then
-      s(:n) = 1.0_wp/n ! the point lies right on a node without mass
-    end if
-  end subroutine find_nodes
+  end subroutine nodes_of_grid
+
+  !> The nodes of the element around a point, looked for from that of its particle. Outside of the mesh the shape functions of the element
+  !> at the side that was crossed go on for a while; points farther off are put onto the side.
+  subroutine nodes_of_mesh(engine, near, start, x, n, slot, place, s, sign)
+    type(engine_t), intent(in) :: engine
+    integer, intent(in) :: near, start !! block and element of the particle
+    real(dp), intent(in) :: x(3)
+    integer, intent(out) :: n, slot(most), place(most)
+    real(wp), intent(out) :: s(most), sign(3, most)
+    real(wp) :: at(engine%grid%dim), xi(engine%grid%dim), unknown(engine%grid%dim)
+    type(found_t) :: found
+    integer :: i, kind
+    logical :: ok
+    at = real(x(:engine%grid%dim), wp)
+    unknown = 0.0_wp
+    sign = 1.0_wp
+    n = 0
+    call find_element(engine%mesh, engine%locator, engine%search_rule, at, unknown, start, found)
+    if (found%element == 0) return
+    kind = engine%mesh%kind(found%element)
+    associate (nodes => engine%mesh%node(:kind_nodes(kind), found%element))
+      call natural_coordinates(kind, engine%mesh%x(:, nodes), at, xi, ok)
+      if (found%side > 0 .and. .not. (ok .and. beyond(kind, xi) <= 1.0_wp)) then
+        call onto_side(engine%mesh, found%side, at)
+        call natural_coordinates(kind, engine%mesh%x(:, nodes), at, xi, ok)
+      end if
+      if (.not. ok) return
+      n = size(nodes)
+      call shape_values(kind, xi, s(:n))
+      do i = 1, n
+        call find_place(engine%table, nodes(i), slot(i), place(i))
+        if (.not. any(engine%table%slot_near(:, near) == slot(i))) slot(i) = 0
+      end do
+    end associate
+  end subroutine nodes_of_mesh
+
+  !> Slot of a node of the mesh, 0 if it is not active, and its place there
+  pure subroutine find_place(table, node, slot, place)
+    type(block_table_t), intent(in) :: table
+    integer, intent(in) :: node
+    integer, intent(out) :: slot, place
+    slot = find_key(table%slot_of, block_key([(node - 1)/nodes_per_block, 0, 0]))
+    place = 1 + modulo(node - 1, nodes_per_block)
+  end subroutine find_place
 
   !> Work of the loads in the step with the velocity of fields 1-3 minus a share of fields 5-7 (half: the mean before and after
   !> the force); call before particles move. Collective
@@ -484,7 +564,7 @@ contains
       end associate
     end do
     do q = 1, loads%n
-      call find_nodes(engine, slots, g, 0.0_wp, loads%block(q), loads%x(:, q), n, slot, place, s, sign)
+      call find_nodes(loads, q, engine, slots, g, 0.0_wp, n, slot, place, s, sign)
       do k = 1, n
         part(q) = part(q) + kick*s(k)*sum(sign(:, k)*loads%f(:, q)*(g(1:3, place(k), slot(k)) &
                                                               - back*g(5:7, place(k), slot(k))))
