@@ -240,13 +240,16 @@ new_folder() { # new_folder NAME: an unused folder under runs/; no result is eve
   say "$folder"
 }
 
-link_particle_files() { # link_particle_files INPUT: what the scene names relative to itself is found in the new folder
-  local name
+link_named_files() { # link_named_files INPUT: files of particles and meshes, relative to the scene or to the repository, are found in the new folder
+  local name folder
   sed -n -E "s/.*\bfile[[:space:]]*=[[:space:]]*[\"']([^\"'/][^\"']*)[\"'].*/\1/Ip" "$1" | while read -r name; do
-    if [[ -e $(dirname "$1")/$name ]]; then
-      mkdir -p "$(dirname "$name")"
-      ln -sf "$(cd "$(dirname "$1")" && pwd -P)/$name" "$name"
-    fi
+    for folder in "$(cd "$(dirname "$1")" && pwd -P)" "$root"; do
+      if [[ -e $folder/$name ]]; then
+        mkdir -p "$(dirname "$name")"
+        ln -sf "$folder/$name" "$name"
+        break
+      fi
+    done
   done
 }
 
@@ -266,7 +269,7 @@ run_scene() { # run_scene INPUT RENDER_OPTION...
   shift
   folder=$(new_folder "$(basename "${input%.nml}")")
   cd "$folder"
-  link_particle_files "$input"
+  link_named_files "$input"
   "$gimp" <"$input" || status=$?
   [[ $status -eq 0 ]] || warn "gimp.x ended with exit code $status (1: the run failed, 2: bad input)"
   for file in *.vtkhdf; do

@@ -178,6 +178,20 @@ def scene(path, which="complete"):
         return _plain(group[which][()])
 
 
+def mesh_edges(path):
+    """Ends (n, 2, 2) of the edges between corners of the elements of a mesh file in two dimensions"""
+    corners = {"triangle": 3, "quad": 4}
+    edges = []
+    with open_file(path) as file:
+        if _plain(file.attrs.get("format", "")) != "gimp-mesh" or int(file.attrs.get("dimension", 0)) != 2:
+            raise GimpError(f"{path}: is not a mesh file in two dimensions")
+        for kind, table in file["elements"].items():
+            if not kind.endswith("_group"):
+                around = table[:, :corners[kind.rstrip("0123456789")]] - 1
+                edges.append(np.stack([around, np.roll(around, -1, axis=1)], 2).reshape(-1, 2))
+        return file["nodes"][:][np.unique(np.sort(np.concatenate(edges), axis=1), axis=0)]
+
+
 def _plain(value):
     """An HDF5 value as number, text or list"""
     if isinstance(value, np.ndarray):
@@ -253,19 +267,23 @@ def commit_of(program):
 
 
 def read_scene(path):
-    """Text of a scene file; the particle files it names become absolute, so that it can run in another folder"""
+    """Text of a scene file; the particle and mesh files it names become absolute, so that it can run in another folder
+
+    They are looked for from here, from the folder of the scene, and from the repository, as scenes of inputs/ name them.
+    """
     path = Path(path)
     try:
         text = path.read_text()
     except (OSError, UnicodeDecodeError) as problem:
         raise GimpError(f"{path}: {getattr(problem, 'strerror', None) or 'is not a text file'}") from None
-    for number, group in enumerate(g for g in namelist.groups(text) if g.name == "body"):
-        named = group.values().get("file")
-        if named and not Path(named[0]).is_absolute():
-            for folder in (Path.cwd(), path.resolve().parent):
-                if (folder / named[0]).exists():
-                    text = namelist.set_key(text, f"body[{number + 1}].file", str(folder / named[0]))
-                    break
+    for name in ("body", "mesh"):
+        for number, group in enumerate(g for g in namelist.groups(text) if g.name == name):
+            named = group.values().get("file")
+            if named and not Path(named[0]).is_absolute():
+                for folder in (Path.cwd(), path.resolve().parent, REPOSITORY):
+                    if (folder / named[0]).exists():
+                        text = namelist.set_key(text, f"{name}[{number + 1}].file", str(folder / named[0]))
+                        break
     return text
 
 

@@ -199,12 +199,17 @@ def draw_box(axes, setting):
                 axes.plot(*line, color="0.7", linewidth=0.6, zorder=0)
 
 
+def draw_mesh(axes, edges):
+    """Elements of a mesh, under the particles; edges (n, 2, 2) [m]"""
+    axes.add_collection(LineCollection(edges, colors="0.75", linewidths=0.5, zorder=0))
+
+
 def extent_of(shown, first, setting, whole_box):
     """Lower and upper corner (3,) of what the pictures must show: all drawn frames with a margin, or the box"""
     low = np.min([f.points.min(0) for f in shown], axis=0)
     high = np.max([f.points.max(0) for f in shown], axis=0)
     margin = 0.04*(high - low).max() + 1.5*max(float(np.median(half_edges(f, first, setting)[:, 0])) for f in shown)
-    if whole_box and setting.lower:
+    if whole_box and len(setting.lower):
         box = [np.append(np.asarray(c, float), np.zeros(3))[:3] for c in (setting.lower, setting.upper)]
         low, high = np.minimum(low, box[0]), np.maximum(high, box[1])
         margin = 0.02*(high - low).max()

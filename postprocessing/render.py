@@ -44,6 +44,7 @@ def parse_arguments(words=None):
     parser.add_argument("--shape", choices=("square", "ellipse"), default="square",
                         help="how particles look in 2D (default: square)")
     parser.add_argument("--box", action="store_true", help="show the whole box of the grid, with its outline")
+    parser.add_argument("--mesh", metavar="FILE", help="2D: draw the elements of this mesh file under the particles; with --box all of them")
     parser.add_argument("--limits", nargs=2, type=float, metavar=("LOW", "HIGH"),
                         help="range of the colours (default: that of the frames)")
     parser.add_argument("--colormap", metavar="NAME", help="colour map of matplotlib")
@@ -61,6 +62,12 @@ class Painter:
     def __init__(self, arguments, frame_numbers):
         self.arguments = arguments
         self.setting = gf.setting(arguments.file)
+        self.edges = None
+        if arguments.mesh:
+            if self.setting.dimension != 2:
+                raise gf.GimpError("--mesh: elements are drawn in two dimensions only")
+            self.edges = gf.mesh_edges(arguments.mesh)
+            self.setting.lower, self.setting.upper = self.edges.min((0, 1)), self.edges.max((0, 1))
         needed = (arguments.field, *pictures.SHAPE_FIELDS)
         self.first = next(gf.frames(arguments.file, "0", needed))
         self.frames = list(gf.frames(arguments.file, ",".join(map(str, frame_numbers)), needed))
@@ -120,7 +127,9 @@ class Painter:
             axes.set(xlim=(self.low[0], self.high[0]), ylim=(self.low[1], self.high[1]), aspect="equal", xlabel="x [m]")
             axes.set_ylabel("y [m]" if outer else "")
             axes.tick_params(labelleft=outer, labelsize=8)
-            if self.arguments.box:
+            if self.edges is not None:
+                pictures.draw_mesh(axes, self.edges)
+            elif self.arguments.box:
                 pictures.draw_box(axes, self.setting)
         elif self.screen:
             image = self.screen(frame, values, self.first, self)

@@ -152,7 +152,7 @@ def runner(*command, more_environment=None):
     environment = {"OMP_WAIT_POLICY": "passive", **os.environ, **(more_environment or {})}
 
     def run(scene, folder, arguments=(), timeout=300, **overrides):
-        text = scene.read_text() if isinstance(scene, Path) else scene
+        text = gimp_files.read_scene(scene) if isinstance(scene, Path) else scene
         for key, value in overrides.items():
             text = namelist.set_key(text, key.replace("__", "."), value)
         with subprocess.Popen([*map(str, command), *arguments], cwd=folder, text=True, env=environment, stdin=subprocess.PIPE,
@@ -216,7 +216,7 @@ def check_same(one, other):
 
 def text_of(scene, steps=0, **keys):
     """A scene, given as text or by its path in inputs/, with keys set ("time.end": 1.0) and perhaps an early end"""
-    text = scene if "\n" in str(scene) else (INPUTS / scene).read_text()
+    text = scene if "\n" in str(scene) else gimp_files.read_scene(INPUTS / scene)
     if steps:
         keys["time.max_steps"] = steps
     for key, value in keys.items():

@@ -150,7 +150,7 @@ def prove_same_bits(run, folder, text, threads, name, compared):
 
 
 def input_text(scene):
-    return text_of(scene.read_text(), INPUT_STEPS, **{"output.name": "x", "method.sort_every": 17, **SHRUNK.get(input_name(scene), {})})
+    return text_of(scene, INPUT_STEPS, **{"output.name": "x", "method.sort_every": 17, **SHRUNK.get(input_name(scene), {})})
 
 
 def input_name(scene):

@@ -8,7 +8,7 @@ h5py = pytest.importorskip("h5py")
 np = pytest.importorskip("numpy")
 pytest.importorskip("matplotlib")
 
-from made_up import assert_drawn, disk, fake_particles, fake_scene, picture, write_fake  # noqa: E402, F401
+from made_up import REPOSITORY, assert_drawn, disk, fake_particles, fake_scene, picture, write_fake  # noqa: E402, F401
 import gimp_files as gf  # noqa: E402
 import particle_pictures as pictures  # noqa: E402
 import plot_history  # noqa: E402
@@ -122,6 +122,23 @@ def test_strip_is_wider_than_one_frame(disk, tmp_path):
 def test_options_of_render(disk, tmp_path, words):
     render.main([str(disk), *words, "--output", str(tmp_path / "p.png"), "--dpi", "60"])
     assert picture(tmp_path / "p.png").std() > 0.01
+
+
+def test_elements_under_the_particles(disk, tmp_path):
+    """Lines where no particle is: the picture gets darker there"""
+    mesh = REPOSITORY / "inputs" / "meshes" / "hybrid.h5"
+    edges = gf.mesh_edges(mesh)
+    assert edges.shape == (33*16 + 32*17 + 256, 2, 2)  # a lattice of cells, half of them with a diagonal
+    words = [str(disk), "--box", "--dpi", "60", "--output"]
+    render.main([*words, str(tmp_path / "plain.png")])
+    render.main([*words, str(tmp_path / "mesh.png"), "--mesh", str(mesh)])
+    plain, drawn = picture(tmp_path / "plain.png"), picture(tmp_path / "mesh.png")
+    assert (drawn < 0.99).mean() > (plain < 0.99).mean()
+    solid = write_fake(tmp_path / "x.vtkhdf", d=3, n=4)
+    with pytest.raises(gf.GimpError, match="in two dimensions only"):
+        render.main([str(solid), "--mesh", str(mesh)])
+    with pytest.raises(gf.GimpError, match="not a mesh file in two dimensions"):
+        render.main([str(disk), "--mesh", str(mesh.with_name("tetrahedra.h5"))])
 
 
 def test_solid_picture(tmp_path):

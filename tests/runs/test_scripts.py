@@ -135,10 +135,14 @@ def test_convergence_changes_the_scene(fake_gimp, scene_file, tmp_path):
     assert len((tmp_path / "c.jsonl").read_text().splitlines()) == 1
 
 
-def test_particle_files_are_found_from_another_folder(tmp_path):
+def test_named_files_are_found_from_another_folder(tmp_path):
     (tmp_path / "scene.nml").write_text('&body name = "a" /\n&body name = "b" shape = "file" file = "points.h5" /\n')
     (tmp_path / "points.h5").write_text("")
     assert value_of(gf.read_scene(tmp_path / "scene.nml"), "body", "file", 1) == [str(tmp_path / "points.h5")]
+    (tmp_path / "scene.nml").write_text('&mesh file = "points.h5" /\n')
+    assert value_of(gf.read_scene(tmp_path / "scene.nml"), "mesh", "file") == [str(tmp_path / "points.h5")]
+    (tmp_path / "scene.nml").write_text('&mesh file = "inputs/meshes/slope.h5" /\n')  # as scenes of the repository name them
+    assert value_of(gf.read_scene(tmp_path / "scene.nml"), "mesh", "file")[0].endswith("/inputs/meshes/slope.h5")
 
 
 def test_gimp_is_looked_for(monkeypatch, tmp_path):
