@@ -1,6 +1,6 @@
 !> Attributes of the objects of an HDF5 file, and texts stored as scalar datasets
 module gimp_hdf5_attributes
-  use, intrinsic :: iso_c_binding, only: c_loc, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_loc, c_ptr, c_char, c_null_char, c_null_ptr, c_associated, c_f_pointer
   use hdf5
   use gimp_common_kinds, only: dp, i8
   use gimp_error, only: error_t, raise
@@ -139,7 +139,7 @@ contains
     call complain(file, status, "reading attribute "//name//" of "//object_path(path)//" as one number", error)
   end subroutine get_attribute
 
-  !> A text of fixed length, without the zero bytes after it
+  !> A text, without the zero bytes after it; of fixed length, or of any length as other writers make it
   subroutine read_attribute_text(file, path, name, value, error)
     type(hdf5_file_t), intent(in) :: file
     character(len=*), intent(in) :: path, name
@@ -159,12 +159,55 @@ contains
       allocate (character(len=length) :: buffer)
       pointer = c_loc(buffer)
       call h5aread_f(attribute, type, pointer, status)
+    else
+      call get_text_of_any_length(attribute, type, buffer, status)
     end if
     call h5tclose_f(type, ignored)
     call h5aclose_f(attribute, ignored)
     call complain(file, status, "reading attribute "//name//" of "//object_path(path)//" as text", error)
     if (.not. allocated(error)) value = without_zeros(buffer)
   end subroutine read_attribute_text
+
+  !> A single text that the library keeps elsewhere; status is negative if there is none
+  subroutine get_text_of_any_length(attribute, type, text, status)
+    integer(hid_t), intent(in) :: attribute, type
+    character(len=:), allocatable, intent(out) :: text
+    integer, intent(out) :: status
+    type(c_ptr), target :: place
+    type(c_ptr) :: pointer
+    character(kind=c_char), pointer :: letter(:)
+    integer(hid_t) :: space
+    integer(hsize_t) :: points
+    integer :: k, class
+    logical :: varies
+    varies = .false.
+    call h5tget_class_f(type, class, status)
+    if (class == h5t_string_f) call h5tis_variable_str_f(type, varies, status)
+    call h5aget_space_f(attribute, space, status)
+    call h5sget_simple_extent_npoints_f(space, points, status)
+    status = -1
+    if (varies .and. points == 1) then
+      place = c_null_ptr
+      pointer = c_loc(place)
+      call h5aread_f(attribute, type, pointer, status)
+    end if
+    if (status >= 0) then
+      text = ""
+      if (c_associated(place)) then
+        call c_f_pointer(place, letter, [huge(0)])
+        k = 1
+        do while (letter(k) /= c_null_char)
+          k = k + 1
+        end do
+        text = repeat(" ", k - 1)
+        do k = 1, len(text)
+          text(k:k) = letter(k)
+        end do
+        call h5dvlen_reclaim_f(type, space, h5p_default_f, pointer, k)
+      end if
+    end if
+    call h5sclose_f(space, k)
+  end subroutine get_text_of_any_length
 
   subroutine open_attribute(file, path, name, attribute, error)
     type(hdf5_file_t), intent(in) :: file

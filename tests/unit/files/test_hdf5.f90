@@ -5,7 +5,7 @@ program test_hdf5
   use gimp_error, only: error_t
   use gimp_file_system, only: delete_file
   use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, flush_hdf5, create_group, write_dataset, append_dataset, &
-    read_dataset, has_dataset, dataset_shape, write_attribute, read_attribute, has_attribute, write_text, read_text
+    read_dataset, has_dataset, dataset_shape, members_of_group, write_attribute, read_attribute, has_attribute, write_text, read_text
   use gimp_check, only: begin_suite, end_suite, check, check_true
   implicit none(type, external)
   character(len=*), parameter :: name = "test_hdf5.h5"
@@ -15,6 +15,7 @@ program test_hdf5
   call datasets_come_back()
   call growing_datasets()
   call attributes_and_texts()
+  call members()
   call failures_are_told()
   call delete_file(name, error)
   call end_suite()
@@ -136,6 +137,10 @@ contains
     call check(len(text), 0, "an empty text attribute")
     call read_text(file, "text", text, error)
     call check_true(text == repeat(words//new_line("a"), 5000) .and. len(text) == 45000, "a long text comes back")
+    call write_text_of_any_length(file, words)
+    call read_attribute(file, "group", "varies", text, error)
+    call sound("read a text of any length, as h5py writes it")
+    call check(text, words, "a text of any length keeps bytes and blanks")
     call check_true(has_attribute(file, "group", "unit"), "an attribute that is there")
     call check_true(.not. has_attribute(file, "nothing", "unit"), "an attribute of nothing")
     call read_attribute(file, "group", "nothing", value, error)
@@ -146,6 +151,43 @@ contains
     call fails("reading a number as a text", "count")
     call close_hdf5(file, error)
   end subroutine attributes_and_texts
+
+  !> Attribute "varies" of "group"
+  subroutine write_text_of_any_length(file, words)
+    use, intrinsic :: iso_c_binding, only: c_loc, c_ptr, c_char, c_null_char
+    use hdf5
+    type(hdf5_file_t), intent(in) :: file
+    character(len=*), intent(in) :: words
+    character(kind=c_char, len=:), allocatable, target :: text
+    type(c_ptr), target :: place
+    integer(hid_t) :: group, space, type, attribute
+    integer :: status
+    text = words//c_null_char
+    place = c_loc(text)
+    call h5gopen_f(file%id, "group", group, status)
+    call h5screate_f(h5s_scalar_f, space, status)
+    call h5tcopy_f(h5t_string, type, status)
+    call h5acreate_f(group, "varies", type, space, attribute, status)
+    call h5awrite_f(attribute, type, c_loc(place), status)
+    call h5aclose_f(attribute, status)
+    call h5gclose_f(group, status)
+  end subroutine write_text_of_any_length
+
+  !> What is in a group, in alphabetical order
+  subroutine members()
+    type(hdf5_file_t) :: file
+    character(len=64), allocatable :: names(:)
+    call open_hdf5(name, "read", file, error)
+    call members_of_group(file, "/", names)
+    call check_true(size(names) > 3, "members of the root")
+    call check(trim(names(1)), "group", "the first member of the root")
+    call members_of_group(file, "group", names)
+    call check(size(names), 1, "members of a group")
+    call check(trim(names(1)), "vector", "the name of a member")
+    call members_of_group(file, "nothing", names)
+    call check(size(names), 0, "no members of a group that is not there")
+    call close_hdf5(file, error)
+  end subroutine members
 
   subroutine failures_are_told()
     type(hdf5_file_t) :: file
