@@ -13,7 +13,7 @@ module gimp_mesh
   public :: mesh_t
   public :: line2, triangle3, triangle6, quad4, quad8, quad9, tetrahedron4, hexahedron8, n_kinds
   public :: kind_name, kind_dim, kind_nodes, kind_corners, kind_sides, side_corners, side_of_kind, most_side_corners
-  public :: group_name_length, side_nodes, element_label
+  public :: group_name_length, side_nodes, middle_node, element_label
 
   integer, parameter :: line2 = 1, triangle3 = 2, triangle6 = 3, quad4 = 4, quad8 = 5, quad9 = 6, tetrahedron4 = 7, hexahedron8 = 8, &
     n_kinds = 8
@@ -87,6 +87,15 @@ contains
       node(k) = mesh%node(corner(k), e)
     end do
   end function side_nodes
+
+  !> The node within side s of element e if that is quadratic, else 0
+  pure integer function middle_node(mesh, e, s)
+    type(mesh_t), intent(in) :: mesh
+    integer, intent(in) :: e, s
+    middle_node = 0
+    if (mesh%kind(e) == triangle6) middle_node = mesh%node(3 + s, e)
+    if (mesh%kind(e) == quad8 .or. mesh%kind(e) == quad9) middle_node = mesh%node(4 + s, e)
+  end function middle_node
 
   !> An element as messages name it: "triangle3 element 17", the number being that of the file
   pure function element_label(mesh, e) result(label)

@@ -5,12 +5,14 @@
 module gimp_made_meshes
   use gimp_kinds, only: wp, dp, i8
   use gimp_common_kinds, only: pi
-  use gimp_mesh, only: mesh_t, line2, triangle3, triangle6, quad4, quad8, quad9, tetrahedron4, hexahedron8, kind_nodes, kind_corners, &
+  use gimp_error, only: error_t
+  use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, create_group, write_dataset, write_attribute
+  use gimp_mesh, only: mesh_t, n_kinds, kind_name, line2, triangle3, triangle6, quad4, quad8, quad9, tetrahedron4, hexahedron8, kind_nodes, kind_corners, &
     kind_sides, side_corners, side_nodes, most_side_corners
   implicit none(type, external)
   private
   public :: made_lines, made_triangles, made_quads, made_hybrid, made_tetrahedra, made_hexahedra
-  public :: made_quadratic, turn_mesh, random_t, random_number_of
+  public :: made_quadratic, turn_mesh, write_made_mesh, random_t, random_number_of
 
   !> The state of a generator of random numbers (Park & Miller 1988)
   type :: random_t
@@ -199,6 +201,54 @@ contains
       mesh%x(:2, i) = [c*mesh%x(1, i) - s*mesh%x(2, i), s*mesh%x(1, i) + c*mesh%x(2, i)]
     end do
   end subroutine turn_mesh
+
+  !> Write a mesh file; elements must stand in the order of kinds
+  subroutine write_made_mesh(path, mesh, lower, spacing)
+    character(len=*), intent(in) :: path
+    type(mesh_t), intent(in) :: mesh
+    real(dp), intent(in) :: lower(:), spacing !! [m]
+    type(hdf5_file_t) :: file
+    type(error_t), allocatable :: error
+    real(dp) :: x(mesh%dim, mesh%nodes)
+    integer :: d, kind, first, last
+    do d = 1, mesh%dim
+      x(d, :) = lower(d) + spacing*mesh%x(d, :)
+    end do
+    call open_hdf5(path, "overwrite", file, error)
+    if (allocated(error)) error stop "write_made_mesh"
+    call write_attribute(file, "", "format", "gimp-mesh", error)
+    call write_attribute(file, "", "version", 1, error)
+    call write_attribute(file, "", "dimension", mesh%dim, error)
+    call write_dataset(file, "nodes", x, error)
+    call create_group(file, "elements", error)
+    do kind = 1, n_kinds
+      first = findloc(mesh%kind, kind, dim=1)
+      if (first == 0) cycle
+      last = findloc(mesh%kind, kind, dim=1, back=.true.)
+      call write_dataset(file, "elements/"//trim(kind_name(kind)), mesh%node(:kind_nodes(kind), first:last), error)
+      if (allocated(mesh%element_group)) &
+        call write_dataset(file, "elements/"//trim(kind_name(kind))//"_group", mesh%element_group(first:last), error)
+    end do
+    if (allocated(mesh%element_group_name)) &
+      call write_attribute(file, "", "element_groups", joined(mesh%element_group_name), error)
+    call write_attribute(file, "", "side_groups", joined(mesh%side_group_name), error)
+    call create_group(file, "sides", error)
+    call write_dataset(file, "sides/nodes", mesh%named_side_node, error)
+    call write_dataset(file, "sides/group", mesh%named_side_group, error)
+    call close_hdf5(file, error)
+  end subroutine write_made_mesh
+
+  !> Names with new lines between them
+  pure function joined(names) result(text)
+    character(len=*), intent(in) :: names(:)
+    character(len=:), allocatable :: text
+    integer :: k
+    text = ""
+    do k = 1, size(names)
+      if (k > 1) text = text//new_line("a")
+      text = text//trim(names(k))
+    end do
+  end function joined
 
   !> Nodes at whole numbers, along x first
   subroutine place_nodes(cells, mesh)
