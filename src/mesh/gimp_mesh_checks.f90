@@ -13,6 +13,7 @@ module gimp_mesh_checks
   real(wp), parameter, public :: least_height = 0.01_wp !! so is a simplex whose smallest height is a smaller share of its longest edge
   real(wp), parameter :: flat = 1.0e-10_wp !! share of longest edge**dim that is no volume
   integer, parameter :: handful = 5 !! items that a message names
+  integer, parameter :: sound = 0, is_empty = 1, is_inverted = 2, is_bad = 3, is_thin = 4 !! shapes
 
   !> Items found faulty, of which a message names the first
   type :: list_t
@@ -94,7 +95,7 @@ contains
   end subroutine check_named_sides
 
   !> Elements that are wrong by themselves or twice there, nodes without an element. Numbers must be in range
-  pure subroutine check_elements(path, mesh, error)
+  subroutine check_elements(path, mesh, error)
     character(len=*), intent(in) :: path
     type(mesh_t), intent(in) :: mesh
     type(error_t), allocatable, intent(inout) :: error
@@ -161,31 +162,27 @@ contains
   end function same_nodes
 
   !> Elements that are inside out, flat or far from regular
-  pure subroutine check_shapes(path, mesh, error)
+  subroutine check_shapes(path, mesh, error)
     character(len=*), intent(in) :: path
     type(mesh_t), intent(in) :: mesh
     type(error_t), allocatable, intent(inout) :: error
-    type(list_t) :: inverted, empty, bad, thin
-    real(wp) :: volume, edge, share
-    real(wp), allocatable :: xe(:, :)
-    integer :: e, kind
+    type(list_t) :: empty, inverted, bad, thin
+    integer, allocatable :: fault(:)
+    real(wp), allocatable :: share(:)
+    integer :: e
+    allocate (fault(mesh%elements), share(mesh%elements))
+    !$omp parallel do schedule(static)
     do e = 1, mesh%elements
-      if (has_repeats(mesh, e)) cycle
-      kind = mesh%kind(e)
-      xe = mesh%x(:, mesh%node(:kind_nodes(kind), e))
-      volume = element_volume(kind, xe)
-      edge = longest_distance(xe(:, :kind_corners(kind)))
-      share = smallest_jacobian(kind, xe)
-      if (abs(volume) <= flat*edge**mesh%dim) then
-        call add_item(empty, element_label(mesh, e))
-      else if (volume < 0.0_wp) then
-        call add_item(inverted, element_label(mesh, e))
-      else if (share < least_jacobian) then
-        call add_item(bad, element_label(mesh, e)//" ("//text_of(share, 2)//")")
-      else if (is_simplex(kind)) then
-        share = element_height(kind, xe)/edge
-        if (share < least_height) call add_item(thin, element_label(mesh, e)//" ("//text_of(share, 2)//")")
-      end if
+      call look_at(mesh%kind(e), mesh%x(:, mesh%node(:kind_nodes(mesh%kind(e)), e)), fault(e), share(e))
+    end do
+    !$omp end parallel do
+    do e = 1, mesh%elements
+      if (fault(e) == sound) cycle
+      if (has_repeats(mesh, e)) cycle ! that is told
+      if (fault(e) == is_empty) call add_item(empty, element_label(mesh, e))
+      if (fault(e) == is_inverted) call add_item(inverted, element_label(mesh, e))
+      if (fault(e) == is_bad) call add_item(bad, element_label(mesh, e)//" ("//text_of(share(e), 2)//")")
+      if (fault(e) == is_thin) call add_item(thin, element_label(mesh, e)//" ("//text_of(share(e), 2)//")")
     end do
     call tell_list(path, "elements without volume", empty, "their nodes lie on a line or plane: move nodes or leave the elements out", error)
     call tell_list(path, "inverted elements (negative volume)", inverted, "reverse the order of their nodes (corners counter-clockwise, " &
@@ -195,6 +192,28 @@ contains
     call tell_list(path, "badly shaped elements (smallest height over longest edge)", thin, "must be at least "//text_of(least_height) &
       //": mesh that place anew without needles and slivers", error)
   end subroutine check_shapes
+
+  !> What is wrong with the shape of an element, and the number that says so
+  pure subroutine look_at(kind, xe, fault, share)
+    integer, intent(in) :: kind
+    real(wp), intent(in) :: xe(:, :) !! (dim, node)
+    integer, intent(out) :: fault
+    real(wp), intent(out) :: share
+    real(wp) :: volume, edge
+    fault = sound
+    volume = element_volume(kind, xe)
+    edge = longest_distance(xe(:, :kind_corners(kind)))
+    share = 0.0_wp
+    if (edge > 0.0_wp) share = volume/edge**size(xe, 1)
+    if (share < -flat) fault = is_inverted
+    if (abs(share) <= flat) fault = is_empty
+    if (fault /= sound) return
+    share = smallest_jacobian(kind, xe)
+    if (share < least_jacobian) fault = is_bad
+    if (fault /= sound .or. .not. is_simplex(kind)) return
+    share = element_height(kind, xe)/edge
+    if (share < least_height) fault = is_thin
+  end subroutine look_at
 
   pure logical function is_simplex(kind)
     integer, intent(in) :: kind
