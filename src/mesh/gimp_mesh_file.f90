@@ -25,8 +25,8 @@ contains
   subroutine read_mesh(path, dim, lower, spacing, mesh, error)
     character(len=*), intent(in) :: path
     integer, intent(in) :: dim !! of the scene: 1, 2 or 3
-    real(dp), intent(inout) :: lower(:) !! corner of the mesh's box [m]; out: taken from the mesh if spacing <= 0
-    real(dp), intent(inout) :: spacing !! what is to be one cell [m]; <= 0: about the edge of an element of mean size
+    real(dp), intent(out) :: lower(:) !! smallest coordinates of its nodes, the origin of places in cells [m]; 0 beyond the dimension
+    real(dp), intent(inout) :: spacing !! what is to be one cell [m]; <= 0: the edge of an element of mean size, which it then becomes
     type(mesh_t), intent(out) :: mesh
     type(error_t), allocatable, intent(out) :: error
     call read_and_check(path, dim, lower, spacing, mesh, error)
@@ -36,12 +36,14 @@ contains
   subroutine read_and_check(path, dim, lower, spacing, mesh, error)
     character(len=*), intent(in) :: path
     integer, intent(in) :: dim
-    real(dp), intent(inout) :: lower(:), spacing
+    real(dp), intent(out) :: lower(:)
+    real(dp), intent(inout) :: spacing
     type(mesh_t), intent(out) :: mesh
     type(error_t), allocatable, intent(out) :: error
     type(hdf5_file_t) :: file
     type(error_t), allocatable :: ignored
     real(dp), allocatable :: x(:, :)
+    lower = 0.0_dp
     call open_hdf5(path, "read", file, error)
     if (allocated(error)) return
     call check_header(file, dim, error)
@@ -49,8 +51,8 @@ contains
     call close_hdf5(file, ignored) ! nothing can be lost by reading
     if (.not. allocated(error)) call check_numbers(path, mesh, x, error)
     if (allocated(error)) return
+    lower(:dim) = minval(x, dim=2)
     if (.not. spacing > 0.0_dp) then
-      lower(:dim) = minval(x, dim=2)
       spacing = mean_size(mesh, x)
       if (.not. spacing > 0.0_dp) then
         call raise(error, path//": no element of the mesh has a volume (are its coordinates those of another dimension?)")

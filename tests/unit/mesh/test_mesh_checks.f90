@@ -319,7 +319,6 @@ contains
     type(mesh_t) :: back
     real(dp) :: lower(3), spacing
     call write_made_mesh(path, mesh, [0.0_dp, 0.0_dp, 0.0_dp], 0.1_dp)
-    lower = 0.0_dp
     spacing = 0.0_dp
     call read_mesh(path, mesh%dim, lower, spacing, back, error)
   end subroutine read_back
