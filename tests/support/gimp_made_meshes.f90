@@ -7,8 +7,8 @@ module gimp_made_meshes
   use gimp_common_kinds, only: pi
   use gimp_error, only: error_t
   use gimp_hdf5, only: hdf5_file_t, open_hdf5, close_hdf5, create_group, write_dataset, write_attribute
-  use gimp_mesh, only: mesh_t, n_kinds, kind_name, line2, triangle3, triangle6, quad4, quad8, quad9, tetrahedron4, hexahedron8, kind_nodes, kind_corners, &
-    kind_sides, side_corners, side_nodes, most_side_corners
+  use gimp_mesh, only: mesh_t, n_kinds, kind_name, kind_nodes, kind_corners, kind_sides, side_corners, side_nodes, most_side_corners, &
+    line2, triangle3, triangle6, quad4, quad8, quad9, tetrahedron4, hexahedron8
   implicit none(type, external)
   private
   public :: made_lines, made_triangles, made_quads, made_hybrid, made_tetrahedra, made_hexahedra
