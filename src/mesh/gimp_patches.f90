@@ -262,7 +262,7 @@ contains
     allocate (low(mesh%dim, mesh%elements), high(mesh%dim, mesh%elements), region(mesh%elements), list(mesh%elements))
     allocate (stamp_element(mesh%elements), stamp_node(mesh%nodes), seen(mesh%elements), source=0)
     allocate (patches%core(patches%n), patches%inner(patches%n), patches%pad_first(patches%n + 1), patches%pad_node(4*mesh%nodes + 64))
-    allocate (patches%height(patches%n), patches%width(patches%n))
+    call measure(mesh, patches)
     do e = 1, mesh%elements
       associate (nodes => mesh%node(:kind_nodes(mesh%kind(e)), e))
         low(:, e) = minval(mesh%x(:, nodes), dim=2)
@@ -273,7 +273,6 @@ contains
     n = 0
     do p = 1, patches%n
       patches%pad_first(p) = n + 1
-      call measure(mesh, patches, p)
       own = 0
       do e = patches%first(p), patches%first(p + 1) - 1
         own = own + 1
@@ -283,7 +282,7 @@ contains
       call note_nodes(1, own)
       patches%core(p) = n + 1 - patches%pad_first(p)
       near = own
-      call extend(own, near) ! own elements and what domains reach from there
+      call extend(near) ! own elements and what domains reach from there
       call note_nodes(own + 1, near)
       patches%inner(p) = n + 1 - patches%pad_first(p)
       own = near
@@ -314,28 +313,24 @@ contains
     end subroutine note_nodes
 
     !> All elements within reach of those of the patch, and rings around them
-    subroutine extend(own, members)
-      integer, intent(in) :: own
+    subroutine extend(members)
       integer, intent(inout) :: members
-      integer :: i
-      do i = 1, own
-        call add_near(region(i), members)
-      end do
+      call add_in_reach((members), members)
       call add_rings(members)
     end subroutine extend
 
-    !> The ring around the patch, all elements within reach of it, and rings around them
+    !> The ring around the patch, all elements within reach of it and of the patch, and rings around them
     subroutine extend_from_ring(members)
       integer, intent(inout) :: members
-      integer, allocatable :: around(:)
-      integer :: i
+      integer, allocatable :: around(:), sources(:)
+      integer :: i, n
       call ring_of_patch(around)
       do i = 1, size(around)
         call take_in(around(i), members)
       end do
-      do i = 1, size(around)
-        call add_near(around(i), members)
-      end do
+      n = patches%first(p + 1) - patches%first(p)
+      sources = [region(:n), around]
+      call add_in_reach_of(sources, members)
       call add_rings(members)
     end subroutine extend_from_ring
 
@@ -370,35 +365,38 @@ contains
       around = list(:m)
     end subroutine ring_of_patch
 
-    !> Elements nearer to one than domains reach, found by walking over vertices
-    subroutine add_near(e, members)
-      integer, intent(in) :: e
+    subroutine add_in_reach(seeds, members)
+      integer, intent(in) :: seeds
       integer, intent(inout) :: members
-      integer :: i, k, j, m, node, other
-      real(wp) :: far
+      integer, allocatable :: sources(:)
+      sources = region(:seeds)
+      call add_in_reach_of(sources, members)
+    end subroutine add_in_reach
+
+    !> Elements nearer to one of these than domains reach, found by going outwards over vertices; boxes stand for elements
+    subroutine add_in_reach_of(sources, members)
+      integer, intent(in) :: sources(:)
+      integer, intent(inout) :: members
+      real(wp) :: source_low(size(sources), mesh%dim), source_high(size(sources), mesh%dim)
+      integer :: i, k, j, node, other
       if (.not. reach > 0.0_wp) return
-      far = reach*patches%width(p)
+      source_low = transpose(low(:, sources))
+      source_high = transpose(high(:, sources))
       walk = walk + 1
-      seen(e) = walk
-      list(1) = e
-      m = 1
       i = 1
-      do while (i <= m)
-        do k = 1, kind_corners(mesh%kind(list(i)))
-          node = mesh%node(k, list(i))
+      do while (i <= members)
+        do k = 1, kind_corners(mesh%kind(region(i)))
+          node = mesh%node(k, region(i))
           do j = mesh%vertex_first(node), mesh%vertex_first(node + 1) - 1
             other = mesh%vertex_element(j)
-            if (seen(other) == walk) cycle
+            if (seen(other) == walk .or. stamp_element(other) == p) cycle
             seen(other) = walk
-            if (sum(max(0.0_wp, low(:, other) - high(:, e), low(:, e) - high(:, other))**2) >= far**2) cycle
-            m = m + 1
-            list(m) = other
-            call take_in(other, members)
+            if (is_near(size(sources), source_low, source_high, low(:, other), high(:, other), (reach*patches%width(p))**2)) call take_in(other, members)
           end do
         end do
         i = i + 1
       end do
-    end subroutine add_near
+    end subroutine add_in_reach_of
 
     !> Elements that share a node with those of the region, as often as rings are wanted
     subroutine add_rings(members)
@@ -419,32 +417,59 @@ contains
 
   end subroutine make_pads
 
-  !> Sizes of the elements of a patch
-  subroutine measure(mesh, patches, p)
+  !> Whether a box is nearer than a distance to one of several
+  pure logical function is_near(n, lows, highs, low, high, squared)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: lows(:, :), highs(:, :) !! (box, axis)
+    real(wp), intent(in) :: low(:), high(:), squared
+    integer, parameter :: at_once = 64
+    real(wp) :: far(at_once)
+    integer :: first, m, k
+    is_near = .true.
+    do first = 1, n, at_once
+      m = min(at_once, n + 1 - first)
+      far(:m) = 0.0_wp
+      do k = 1, size(low)
+        far(:m) = far(:m) + max(0.0_wp, low(k) - highs(first:first + m - 1, k), lows(first:first + m - 1, k) - high(k))**2
+      end do
+      if (any(far(:m) < squared)) return
+    end do
+    is_near = .false.
+  end function is_near
+
+  !> Sizes of the elements of all patches
+  subroutine measure(mesh, patches)
     type(mesh_t), intent(in) :: mesh
     type(patches_t), intent(inout) :: patches
-    integer, intent(in) :: p
-    real(wp) :: volume, corners, factor
-    integer :: e, i, k, j, node
-    volume = 0.0_wp
-    patches%height(p) = huge(1.0_wp)
-    do e = patches%first(p), patches%first(p + 1) - 1
+    real(wp), allocatable :: height(:), volume(:), around(:) ! around: a node, least height of its elements
+    real(wp) :: factor
+    integer :: e, i, k, p
+    allocate (height(mesh%elements), volume(mesh%elements), around(mesh%nodes), patches%height(patches%n), patches%width(patches%n))
+    !$omp parallel do schedule(static) private(factor, i)
+    do e = 1, mesh%elements
       associate (kind => mesh%kind(e))
         factor = 1.0_wp
-        if (kind_corners(kind) == mesh%dim + 1) factor = product([(real(k, wp), k=1, mesh%dim)]) ! simplices: of the cell they are parts of
-        volume = volume + factor*element_volume(kind, mesh%x(:, mesh%node(:kind_nodes(kind), e)))
-        do i = 1, kind_corners(kind)
-          node = mesh%node(i, e)
-          do j = mesh%vertex_first(node), mesh%vertex_first(node + 1) - 1
-            k = mesh%vertex_element(j)
-            patches%height(p) = min(patches%height(p), &
-              element_height(mesh%kind(k), mesh%x(:, mesh%node(:kind_nodes(mesh%kind(k)), k))))
-          end do
+        if (kind_corners(kind) == mesh%dim + 1) factor = product([(i, i=1, mesh%dim)]) ! simplices: of the cell they are parts of
+        volume(e) = factor*element_volume(kind, mesh%x(:, mesh%node(:kind_nodes(kind), e)))
+        height(e) = element_height(kind, mesh%x(:, mesh%node(:kind_nodes(kind), e)))
+      end associate
+    end do
+    !$omp end parallel do
+    around = huge(1.0_wp)
+    do e = 1, mesh%elements
+      do k = 1, kind_corners(mesh%kind(e))
+        around(mesh%node(k, e)) = min(around(mesh%node(k, e)), height(e))
+      end do
+    end do
+    do p = 1, patches%n
+      associate (first => patches%first(p), last => patches%first(p + 1) - 1)
+        patches%width(p) = (sum(volume(first:last))/(last - first + 1))**(1.0_wp/mesh%dim)
+        patches%height(p) = huge(1.0_wp)
+        do e = first, last
+          patches%height(p) = min(patches%height(p), minval(around(mesh%node(:kind_corners(mesh%kind(e)), e))))
         end do
       end associate
     end do
-    corners = patches%first(p + 1) - patches%first(p)
-    patches%width(p) = (volume/corners)**(1.0_wp/mesh%dim)
   end subroutine measure
 
   !> Slots of every pad, pads of every slot, and which node of a pad is which node of a slot

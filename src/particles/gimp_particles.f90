@@ -53,6 +53,7 @@ module gimp_particles
     type(field_t) :: motion !! velocity that the particle moves with, where it is not one of the grid [m/s]
     type(field_t) :: acceleration !! of the last force (generalised alpha, Newmark) [m/s2]
     type(field_t) :: element !! of the mesh, that the particle is in; negative: beyond a side that takes it out
+    type(field_t) :: point_element !! elements that the points of its domain were in, two in a number; 0: not known
     type(field_t) :: state !! history of the material
     real(wp), pointer, contiguous :: p(:, :, :) => null() !! (lane, component, chunk)
     integer(i8), pointer, contiguous :: id(:, :) => null() !! (lane, chunk) global number, kept for life; 0: spare lane

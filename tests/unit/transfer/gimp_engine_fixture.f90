@@ -177,6 +177,7 @@ contains
       end if
       call add_field(p, "reference", dim, p%reference)
       if (present(mesh)) call add_field(p, "element", 1, p%element)
+      if (present(mesh) .and. is_sampled(basis)) call add_field(p, "point_element", (engine%rule%n + 1)/2, p%point_element)
       allocate (p%groups(size(engine%laws)))
       chunks = 0
       do m = 1, size(engine%laws)
