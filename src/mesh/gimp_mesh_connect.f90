@@ -3,7 +3,7 @@ module gimp_mesh_connect
   use gimp_mesh, only: mesh_t, kind_corners, kind_sides, side_nodes, most_side_corners
   implicit none(type, external)
   private
-  public :: connect_mesh, find_side
+  public :: connect_mesh, forget_connections, find_side
 
 contains
 
@@ -12,18 +12,25 @@ contains
   !> (gimp_mesh_checks refuses it)
   pure subroutine connect_mesh(mesh)
     type(mesh_t), intent(inout) :: mesh
+    call forget_connections(mesh)
     call list_vertex_elements(mesh)
     call pair_sides(mesh)
     call number_boundary(mesh)
     call group_sides(mesh)
   end subroutine connect_mesh
 
+  !> What connect_mesh has made
+  pure subroutine forget_connections(mesh)
+    type(mesh_t), intent(inout) :: mesh
+    if (.not. allocated(mesh%across)) return
+    deallocate (mesh%vertex_first, mesh%vertex_element, mesh%across, mesh%side_element, mesh%side_number, mesh%side_group)
+  end subroutine forget_connections
+
   !> Elements around each vertex: count, sum, fill
   pure subroutine list_vertex_elements(mesh)
     type(mesh_t), intent(inout) :: mesh
     integer, allocatable :: place(:)
     integer :: e, k, node
-    if (allocated(mesh%vertex_first)) deallocate (mesh%vertex_first, mesh%vertex_element)
     allocate (mesh%vertex_first(mesh%nodes + 1), source=0)
     do e = 1, mesh%elements
       do k = 1, kind_corners(mesh%kind(e))
@@ -52,7 +59,6 @@ contains
     type(mesh_t), intent(inout) :: mesh
     integer, allocatable :: first(:), next(:), corner(:, :)
     integer :: e, s, most, side, other, owner, node
-    if (allocated(mesh%across)) deallocate (mesh%across)
     most = maxval(kind_sides(mesh%kind))
     allocate (mesh%across(most, mesh%elements), source=0)
     allocate (first(mesh%nodes), source=0)
@@ -88,7 +94,6 @@ contains
     do e = 1, mesh%elements
       n = n + count(mesh%across(:kind_sides(mesh%kind(e)), e) == 0)
     end do
-    if (allocated(mesh%side_element)) deallocate (mesh%side_element, mesh%side_number)
     allocate (mesh%side_element(n), mesh%side_number(n))
     n = 0
     do e = 1, mesh%elements
@@ -106,7 +111,6 @@ contains
   pure subroutine group_sides(mesh)
     type(mesh_t), intent(inout) :: mesh
     integer :: k, e, s
-    if (allocated(mesh%side_group)) deallocate (mesh%side_group)
     allocate (mesh%side_group(size(mesh%side_element)), source=0)
     if (.not. allocated(mesh%named_side_node)) return
     do k = 1, size(mesh%named_side_group)

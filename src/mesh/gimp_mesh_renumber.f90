@@ -1,18 +1,20 @@
 !> Other numbers for the nodes and elements of a mesh
 module gimp_mesh_renumber
   use gimp_mesh, only: mesh_t
+  use gimp_mesh_connect, only: forget_connections
   implicit none(type, external)
   private
   public :: renumber_mesh
 
 contains
 
-  !> Give nodes and elements of a mesh that has no connections yet other numbers
+  !> Give nodes and elements of a mesh other numbers; connections are forgotten (`connect_mesh` makes them anew)
   pure subroutine renumber_mesh(mesh, element_order, node_order)
     type(mesh_t), intent(inout) :: mesh
     integer, intent(in) :: element_order(:), node_order(:) !! (new number) the old one
     integer, allocatable :: number(:) !! (old node) the new one; 0 stays 0
     integer :: i, e, k
+    call forget_connections(mesh)
     allocate (number(0:mesh%nodes))
     number(0) = 0
     do i = 1, mesh%nodes

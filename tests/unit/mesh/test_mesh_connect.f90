@@ -38,8 +38,8 @@ contains
     call check_connections(name, mesh)
     element_order = shuffled(made%elements)
     node_order = shuffled(made%nodes)
-    mesh = made
     call renumber_mesh(mesh, element_order, node_order)
+    call check_true(.not. allocated(mesh%across), name//": connections are forgotten with the numbers")
     call check_same(name, made, mesh, element_order, node_order)
     call connect_mesh(mesh)
     call check_connections(name//" with other numbers", mesh)
