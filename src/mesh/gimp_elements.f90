@@ -19,6 +19,7 @@ module gimp_elements
   real(wp), parameter :: hexahedron_node(3, 8) = reshape(real([-1, -1, -1, 1, -1, -1, 1, 1, -1, -1, 1, -1, -1, -1, 1, 1, -1, 1, 1, 1, 1, &
     -1, 1, 1], wp), [3, 8])
   real(wp), parameter :: triangle_node(2, 6) = 0.5_wp*reshape(real([0, 0, 2, 0, 0, 2, 1, 0, 1, 1, 0, 1], wp), [2, 6])
+  real(wp), parameter :: simpson(27) = real([1, 4, 1, 4, 16, 4, 1, 4, 1, 4, 16, 4, 16, 64, 16, 4, 16, 4, 1, 4, 1, 4, 16, 4, 1, 4, 1], wp)/27
   real(wp), parameter :: gauss = 1.0_wp/sqrt(3.0_wp)
   real(wp), parameter :: round_off = epsilon(1.0_wp)
 
@@ -380,8 +381,8 @@ contains
       volume = 4*det_at(kind, xe, [0.0_wp, 0.0_wp])
     case (tetrahedron4)
       volume = det_at(kind, xe, [0.0_wp, 0.0_wp, 0.0_wp])/6
-    case (hexahedron8) ! degree 2 along each axis
-      volume = sum([(det_at(kind, xe, gauss*hexahedron_node(:, i)), i=1, 8)])
+    case (hexahedron8) ! degree 2 along each axis, for which Simpson's rule is exact
+      volume = dot_product(simpson, reshape(hexahedron_lattice(xe), [27]))
     case default ! degree 3 along each axis
       volume = sum([(det_at(kind, xe, gauss*quad_node(:, i)), i=1, 4)])
     end select
@@ -393,7 +394,7 @@ contains
     integer, intent(in) :: kind
     real(wp), intent(in) :: xe(:, :) !! (dim, nodes)
     real(wp) :: mean, size_here
-    integer :: i, j, k
+    integer :: i, j
     least = 1.0_wp
     mean = element_volume(kind, xe)
     size_here = maxval(maxval(xe, dim=2) - minval(xe, dim=2))
@@ -419,13 +420,7 @@ contains
         end do
       end do
     case (hexahedron8)
-      do k = -1, 1
-        do j = -1, 1
-          do i = -1, 1
-            call look_at(8.0_wp, 1.0_wp*[i, j, k])
-          end do
-        end do
-      end do
+      least = min(least, 8.0_wp*minval(hexahedron_lattice(xe))/mean)
     end select
 
   contains
@@ -436,6 +431,34 @@ contains
     end subroutine look_at
 
   end function smallest_jacobian
+
+  !> det J of a hexahedron at the 27 places with natural coordinates -1, 0, 1. Each column of J lies between the four edges along its axis
+  pure function hexahedron_lattice(xe) result(det)
+    real(wp), intent(in) :: xe(:, :) !! (3, 8)
+    real(wp) :: det(3, 3, 3)
+    real(wp) :: a(3, 3, 3), b(3, 3, 3), c(3, 3, 3) !! dX/dxi_1 at (xi_2, xi_3), dX/dxi_2 at (xi_1, xi_3), dX/dxi_3 at (xi_1, xi_2)
+    integer :: i, j, k
+    call spread_edges(xe(:, [2, 3, 6, 7]) - xe(:, [1, 4, 5, 8]), a)
+    call spread_edges(xe(:, [4, 3, 8, 7]) - xe(:, [1, 2, 5, 6]), b)
+    call spread_edges(xe(:, [5, 6, 8, 7]) - xe(:, [1, 2, 4, 3]), c)
+    do k = 1, 3
+      do j = 1, 3
+        do i = 1, 3
+          det(i, j, k) = dot_product(a(:, j, k), normal(b(:, i, k), c(:, i, j)))
+        end do
+      end do
+    end do
+  end function hexahedron_lattice
+
+  !> dX along one axis from the four edges along it: at their places on the other two axes, in the middle between two, and in that of all
+  pure subroutine spread_edges(edge, slope)
+    real(wp), intent(in) :: edge(3, 4) !! low low, high low, low high, high high
+    real(wp), intent(out) :: slope(3, 3, 3)
+    slope(:, 1:3:2, 1) = 0.5_wp*edge(:, 1:2)
+    slope(:, 1:3:2, 3) = 0.5_wp*edge(:, 3:4)
+    slope(:, 2, 1:3:2) = 0.5_wp*(slope(:, 1, 1:3:2) + slope(:, 3, 1:3:2))
+    slope(:, :, 2) = 0.5_wp*(slope(:, :, 1) + slope(:, :, 3))
+  end subroutine spread_edges
 
   !> det J at xi
   pure real(wp) function det_at(kind, xe, xi)

@@ -28,6 +28,7 @@ program test_elements
   call test_known_pairs()
   call test_special_quads()
   call test_curved_volume()
+  call test_hexahedra()
   call end_suite()
 
 contains
@@ -307,6 +308,38 @@ contains
     xe(2, 4) = xe(2, 4) - 0.15_wp
     call check(element_volume(triangle6, xe(:, 1:6)), 0.6_wp, 1.0e-14_wp, "area of a triangle with a parabola for a side")
   end subroutine test_curved_volume
+
+  !> Volume and smallest det J of distorted hexahedra from J itself, at Gauss points and at lattices. Nine places an axis find at most a little
+  !> less than the three that are looked at
+  subroutine test_hexahedra()
+    real(wp), parameter :: gauss = 1.0_wp/sqrt(3.0_wp)
+    real(wp) :: xe(3, 8), volume, least(2), det
+    integer :: n, i, j, k
+    do n = 1, 100
+      xe = made_element(hexahedron8, 0.4_wp, 0.05_wp, 3.0_wp, 1.0_wp, random)
+      volume = 0.0_wp
+      least = huge(1.0_wp)
+      do k = -4, 4
+        do j = -4, 4
+          do i = -4, 4
+            det = determinant_of(jacobian(hexahedron8, xe, 0.25_wp*[i, j, k]))
+            least(1) = min(least(1), det)
+            if (all(modulo([i, j, k], 4) == 0)) least(2) = min(least(2), det)
+            if (all(abs([i, j, k]) == 1)) volume = volume + determinant_of(jacobian(hexahedron8, xe, gauss*[i, j, k]))
+          end do
+        end do
+      end do
+      call check(element_volume(hexahedron8, xe), volume, 1.0e-13_wp*volume, "volume of a hexahedron") ! sums of 27 and 8 values, rounded
+      call check(smallest_jacobian(hexahedron8, xe), 8*least(2)/volume, 1.0e-13_wp, "smallest det J of a hexahedron")
+      call check_true(smallest_jacobian(hexahedron8, xe) < 8*least(1)/volume + 0.05_wp, "smallest det J of a hexahedron: places between")
+    end do
+  end subroutine test_hexahedra
+
+  pure real(wp) function determinant_of(j)
+    real(wp), intent(in) :: j(3, 3)
+    determinant_of = j(1, 1)*(j(2, 2)*j(3, 3) - j(2, 3)*j(3, 2)) - j(1, 2)*(j(2, 1)*j(3, 3) - j(2, 3)*j(3, 1)) &
+      + j(1, 3)*(j(2, 1)*j(3, 2) - j(2, 2)*j(3, 1))
+  end function determinant_of
 
   function name_of(kind)
     integer, intent(in) :: kind
