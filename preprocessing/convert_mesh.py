@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 
 from foreign_meshes import dimension_of, read_foreign
-from mesh_files import KINDS, Mesh, MeshError, boundary_sides, run_main, write_mesh
+from mesh_files import KINDS, Mesh, MeshError, boundary_sides, run_main, unique_rows, write_mesh
 from mesh_measures import faulty_elements, report
 
 KIND_OF = {"line": "line2", "triangle": "triangle3", "triangle6": "triangle6", "quad": "quad4", "quad8": "quad8", "quad9": "quad9",
@@ -117,8 +117,8 @@ def first_at(nodes, distance):
     which = np.arange(len(nodes))
     for shift in product((0.0, 0.5), repeat=nodes.shape[1]):  # one of these lattices has both nodes of a pair in one cell
         key = np.floor(nodes/(2*distance) + shift).astype(np.int64)
-        _, first, back = np.unique(key, axis=0, return_index=True, return_inverse=True)
-        which = np.minimum(which, which[first[back.ravel()]])
+        first, back, _ = unique_rows(key)
+        which = np.minimum(which, which[first[back]])
     while (which[which] != which).any():
         which = which[which]
     return which

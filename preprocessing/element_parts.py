@@ -3,7 +3,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from mesh_files import KINDS
+from mesh_files import KINDS, unique_rows
 from mesh_measures import SIMPLICES, natural_nodes, quadrature, shape_slopes, shape_values
 
 LINEAR_BOX = {1: "line2", 2: "quad4", 3: "hexahedron8"}
@@ -68,5 +68,5 @@ def cut_boxes(corners):
 def join_corners(corners, distance):
     """The same corners, those nearer to each other than a distance as one place, to the last bit: parts of neighbours share them"""
     flat = corners.reshape(-1, corners.shape[-1])
-    _, first, back = np.unique(np.round(flat/distance).astype(np.int64), axis=0, return_index=True, return_inverse=True)
-    return flat[first[back.ravel()]].reshape(corners.shape)
+    first, back, _ = unique_rows(np.round(flat/distance).astype(np.int64))
+    return flat[first[back]].reshape(corners.shape)

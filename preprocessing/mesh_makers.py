@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from mesh_files import KINDS, Mesh, MeshError, boundary_sides
+from mesh_files import KINDS, Mesh, MeshError, boundary_sides, unique_rows
 from mesh_measures import least_jacobians
 
 QUADS = ("quad4", "quad8", "quad9")
@@ -77,8 +77,8 @@ def number_places(places):
     """Number the places (elements, nodes, dim) of a lattice, x fastest: table of elements, places (n, dim) of the nodes"""
     elements, nodes, dim = places.shape
     flat = places.reshape(-1, dim)
-    found, which = np.unique(flat[:, ::-1], axis=0, return_inverse=True)
-    return which.reshape(elements, nodes), found[:, ::-1]
+    first, which, _ = unique_rows(flat[:, ::-1])
+    return which.reshape(elements, nodes), flat[first]
 
 
 def lattice(kind, cells):

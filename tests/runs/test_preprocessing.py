@@ -97,6 +97,15 @@ def test_sides_look_outward(kind):
         assert normal @ (x.mean(0) - middle) > 0
 
 
+@pytest.mark.parametrize("top", [3, 2**40])
+def test_unique_rows_are_those_of_numpy(top):
+    """Also where a row does not fit into one number"""
+    rows = np.random.RandomState(1).randint(-2, 3, (500, 4))*(top//3)
+    _, *expected = np.unique(rows, axis=0, return_index=True, return_inverse=True, return_counts=True)
+    for one, other in zip(mf.unique_rows(rows), expected):
+        assert (one == other.ravel()).all()
+
+
 # ------------------------------------------------------------------------------------------- made meshes
 
 
