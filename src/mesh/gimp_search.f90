@@ -11,7 +11,7 @@
 module gimp_search
   use gimp_kinds, only: wp, dp
   use gimp_mesh, only: mesh_t, tetrahedron4, hexahedron8, kind_corners, kind_sides, side_of_kind, side_corners, kind_nodes, most_side_corners
-  use gimp_sides, only: slack, most_sides, side_values, side_band, owner_near, onto_side
+  use gimp_sides, only: slack, most_sides, side_values, side_value, side_plane, ends_at_both, owner_near, onto_side
   implicit none(type, external)
   private
   public :: locator_t, found_t, make_locator, find_element, find_anywhere, owns, onto_side
@@ -23,7 +23,9 @@ module gimp_search
 
   !> What makes searching fast; built once
   type :: locator_t
-    real(wp), allocatable :: plane(:, :, :) !! (dim + 1, side, element) unit vector into the element and how far along it all is within
+    real(wp), allocatable :: plane(:, :, :, :) !! (dim + 1, part, side, element) unit vector into the element, and how far along it all is within
+    real(wp), allocatable :: band(:, :) !! (side, element) the width between there and where all is without [cells]
+    logical, allocatable :: both(:, :) !! (side, element) a point is without only if it is so for both parts of the side
     real(wp), allocatable :: centre(:, :) !! (dim, element) [cells]
     real(wp), allocatable :: reach(:) !! (element) the farthest corner from the centre, squared
     real(wp) :: low(3) = 0.0_wp, high(3) = 0.0_wp !! the box of all buckets [cells]
@@ -57,7 +59,7 @@ contains
     real(wp), intent(in) :: v(mesh%dim) !! any unit
     integer, intent(in) :: start
     type(found_t), intent(out) :: found
-    real(wp) :: value(most_sides), along(mesh%dim)
+    real(wp) :: value(most_sides), along(3)
     integer :: nearest, side
     if (start < 1 .or. start > mesh%elements) then
       call find_anywhere(mesh, locator, x, found)
@@ -66,22 +68,22 @@ contains
     found%visits = 1
     found%element = start
     found%how = found_here
-    if (is_deep(locator, start, x)) return
+    if (is_deep(mesh%dim, locator, start, x)) return
     if (.not. all(abs(x) < huge(1.0_wp))) then ! nothing can be said about such places
       found%how = found_outside
       return
     end if
-    call look_into(mesh, start, x, found, value)
+    call look_into(mesh, locator, start, x, found, value)
     if (found%element > 0) then
       if (found%element /= start) found%how = found_vertex
       return
     end if
-    along = v
-    if (all(v == 0.0_wp)) along = x - locator%centre(:, start)
+    along(:mesh%dim) = v
+    if (all(v == 0.0_wp)) along(:mesh%dim) = x - locator%centre(:, start)
     nearest = start
     if (sum((x - locator%centre(:, start))**2) < far*locator%reach(start)) then
       found%how = found_vertex
-      call look_around_vertices(mesh, locator, rule, x, along, start, nearest, value, found)
+      call look_around_vertices(mesh, locator, rule, x, along(:mesh%dim), start, nearest, value, found)
       if (found%element > 0) return
     end if
     call walk(mesh, locator, x, nearest, value, found, side)
@@ -111,52 +113,100 @@ contains
     type(mesh_t), intent(in) :: mesh
     integer, intent(in) :: e
     real(wp), intent(in) :: x(mesh%dim) !! [cells]
-    type(found_t) :: found
     real(wp) :: value(most_sides)
-    call look_into(mesh, e, x, found, value)
-    owns = found%element == e
+    integer :: owner, tested
+    call side_values(mesh, e, x, value)
+    owns = minval(value) > slack
+    if (owns .or. .not. minval(value) >= -slack) return
+    call owner_near(mesh, e, x, value, owner, tested)
+    owns = owner == e
   end function owns
 
   !> Is x within element e, farther from its sides than rounding reaches? The test that nearly all particles pass
-  pure logical function is_deep(locator, e, x)
+  pure logical function is_deep(dim, locator, e, x)
+    integer, intent(in) :: dim
     type(locator_t), intent(in) :: locator
     integer, intent(in) :: e
-    real(wp), intent(in) :: x(:)
+    real(wp), intent(in) :: x(dim)
     integer :: s
     is_deep = .false.
-    select case (size(x))
-    case (2)
-      do s = 1, size(locator%plane, 2)
-        if (.not. locator%plane(1, s, e)*x(1) + locator%plane(2, s, e)*x(2) > locator%plane(3, s, e)) return
+    if (size(locator%plane, 2) == 2) then
+      do s = 1, size(locator%plane, 3)
+        if (.not. beyond_planes(locator, e, s, x) > 0.0_wp) return
       end do
-    case (3)
-      do s = 1, size(locator%plane, 2)
-        if (.not. locator%plane(1, s, e)*x(1) + locator%plane(2, s, e)*x(2) + locator%plane(3, s, e)*x(3) &
-          > locator%plane(4, s, e)) return
+    else if (dim == 2) then
+      do s = 1, size(locator%plane, 3)
+        if (.not. locator%plane(1, 1, s, e)*x(1) + locator%plane(2, 1, s, e)*x(2) > locator%plane(3, 1, s, e)) return
       end do
-    case default
-      do s = 1, size(locator%plane, 2)
-        if (.not. locator%plane(1, s, e)*x(1) > locator%plane(2, s, e)) return
+    else if (dim == 3) then
+      do s = 1, size(locator%plane, 3)
+        if (.not. locator%plane(1, 1, s, e)*x(1) + locator%plane(2, 1, s, e)*x(2) + locator%plane(3, 1, s, e)*x(3) &
+          > locator%plane(4, 1, s, e)) return
       end do
-    end select
+    else
+      if (.not. all(locator%plane(1, 1, :, e)*x(1) > locator%plane(2, 1, :, e))) return
+    end if
     is_deep = .true.
   end function is_deep
 
-  !> The functions of the sides of e; if none rules it out, found%element becomes the owner, e itself or one beside it, else 0
-  pure subroutine look_into(mesh, e, x, found, value)
+  !> How far x is within side s of element e by its planes [cells]
+  pure real(wp) function beyond_planes(locator, e, s, x) result(distance)
+    type(locator_t), intent(in) :: locator
+    integer, intent(in) :: e, s
+    real(wp), intent(in) :: x(:)
+    real(wp) :: of_part(2)
+    integer :: part, d
+    do part = 1, size(locator%plane, 2)
+      of_part(part) = -locator%plane(size(x) + 1, part, s, e)
+      do d = 1, size(x)
+        of_part(part) = of_part(part) + locator%plane(d, part, s, e)*x(d)
+      end do
+    end do
+    distance = of_part(1)
+    if (size(locator%plane, 2) == 1) return
+    distance = min(distance, of_part(2))
+    if (locator%both(s, e)) distance = max(of_part(1), of_part(2))
+  end function beyond_planes
+
+  !> The functions of the sides of e near enough to tell where x is: those within `slack` and those of curves are exact, others may differ by
+  !> some `slack` but not in sign
+  pure subroutine guess_values(mesh, locator, e, x, value)
     type(mesh_t), intent(in) :: mesh
+    type(locator_t), intent(in) :: locator
+    integer, intent(in) :: e
+    real(wp), intent(in) :: x(mesh%dim)
+    real(wp), intent(out) :: value(most_sides)
+    integer :: s
+    value = huge(1.0_wp)
+    do s = 1, kind_sides(mesh%kind(e))
+      value(s) = beyond_planes(locator, e, s, x)
+      if (value(s) > 0.0_wp) then
+        value(s) = value(s) + 2.0_wp*slack
+      else if (value(s) < -locator%band(s, e)) then
+        value(s) = value(s) + (locator%band(s, e) - 2.0_wp*slack)
+      else
+        value(s) = side_value(mesh, e, s, x)
+      end if
+    end do
+  end subroutine guess_values
+
+  !> If no side of e rules it out, found%element becomes the owner of x, e itself or one beside it, else 0
+  pure subroutine look_into(mesh, locator, e, x, found, value)
+    type(mesh_t), intent(in) :: mesh
+    type(locator_t), intent(in) :: locator
     integer, intent(in) :: e
     real(wp), intent(in) :: x(mesh%dim)
     type(found_t), intent(inout) :: found
-    real(wp), intent(out) :: value(most_sides)
+    real(wp), intent(out) :: value(most_sides) !! functions of the sides of e as of `guess_values`
     real(wp) :: least
     integer :: tested
-    call side_values(mesh, e, x, value)
+    call guess_values(mesh, locator, e, x, value)
     least = minval(value)
     found%element = 0
     if (.not. least >= -slack) return
     found%element = e
     if (least > slack) return
+    call side_values(mesh, e, x, value)
     call owner_near(mesh, e, x, value, found%element, tested)
     found%visits = found%visits + tested
   end subroutine look_into
@@ -171,8 +221,8 @@ contains
     real(wp), intent(out) :: value(most_sides) !! only if it is not found
     found%visits = found%visits + 1
     found%element = e
-    if (is_deep(locator, e, x)) return
-    call look_into(mesh, e, x, found, value)
+    if (is_deep(mesh%dim, locator, e, x)) return
+    call look_into(mesh, locator, e, x, found, value)
   end subroutine test_element
 
   !> First stage: elements around the vertices of `start` that the motion points to. `value` comes with the functions of `start`; it goes with
@@ -226,7 +276,7 @@ contains
     integer, intent(in) :: e
     real(wp), intent(in) :: value(most_sides) !! functions of the sides of e
     integer, intent(out) :: corner(most_corners), corners
-    real(wp) :: n_b(mesh%dim), score(most_corners)
+    real(wp) :: n_b(3), score(most_corners), speed
     integer :: violated(most_corners), of_side(most_side_corners), kind, k, s
     kind = mesh%kind(e)
     violated = 0
@@ -238,15 +288,17 @@ contains
       end do
     end do
     score = -huge(1.0_wp)
+    speed = norm2(v)
     corners = 0
     do k = 1, kind_corners(kind)
-      n_b = vertex_direction(mesh, e, k)
+      if (rule == rule_velocity .and. violated(k) == 0) cycle
+      call vertex_direction(mesh, e, k, n_b)
       if (rule == rule_component) then
-        if (any(n_b*v < 0.0_wp)) cycle
+        if (any(n_b(:mesh%dim)*v < 0.0_wp)) cycle
         corners = corners + 1
         corner(corners) = k
-      else if (violated(k) > 0) then
-        score(k) = 4.0_wp*violated(k) + dot_product(n_b, v)/(norm2(n_b)*norm2(v)) ! the second is within -1 and 1
+      else
+        score(k) = 4.0_wp*violated(k) + dot_product(n_b(:mesh%dim), v)/(norm2(n_b)*speed) ! the second is within -1 and 1
       end if
     end do
     if (rule == rule_component) return
@@ -260,19 +312,17 @@ contains
   end subroutine rank_vertices
 
   !> The notes' n_B: sum of the edges of element e that reach its corner k; points outwards
-  pure function vertex_direction(mesh, e, k) result(n_b)
+  pure subroutine vertex_direction(mesh, e, k, n_b)
     type(mesh_t), intent(in) :: mesh
     integer, intent(in) :: e, k
-    real(wp) :: n_b(mesh%dim)
-    integer :: corners, other, b
-    corners = kind_corners(mesh%kind(e))
-    b = mesh%node(k, e)
+    real(wp), intent(out) :: n_b(3)
+    integer :: other
     n_b = 0.0_wp
-    do other = 1, corners
+    do other = 1, kind_corners(mesh%kind(e))
       if (other == k .or. .not. have_edge(mesh%kind(e), k, other)) cycle
-      n_b = n_b + (mesh%x(:, b) - mesh%x(:, mesh%node(other, e)))
+      n_b(:mesh%dim) = n_b(:mesh%dim) + (mesh%x(:, mesh%node(k, e)) - mesh%x(:, mesh%node(other, e)))
     end do
-  end function vertex_direction
+  end subroutine vertex_direction
 
   !> Is there an edge between two corners of an element of a kind?
   pure logical function have_edge(kind, a, b)
@@ -430,28 +480,38 @@ contains
   subroutine make_locator(mesh, locator)
     type(mesh_t), intent(in) :: mesh
     type(locator_t), intent(out) :: locator
-    real(wp), allocatable :: outer(:, :) !! (side, element) where along the vector of `plane` nothing is within any more
     real(wp), allocatable :: box(:, :, :) !! (dim, low and high, element)
-    real(wp) :: middle(mesh%dim), wider(mesh%dim)
-    integer :: e, s, k
-    allocate (locator%plane(mesh%dim + 1, size(mesh%across, 1), mesh%elements), outer(size(mesh%across, 1), mesh%elements))
-    allocate (locator%centre(mesh%dim, mesh%elements), locator%reach(mesh%elements), box(mesh%dim, 2, mesh%elements))
+    real(wp) :: middle(3), outer
+    integer :: dim, sides, parts, e, s, k, part
+    dim = mesh%dim
+    sides = size(mesh%across, 1)
+    parts = merge(2, 1, any(mesh%kind == hexahedron8))
+    allocate (locator%plane(dim + 1, parts, sides, mesh%elements), source=0.0_wp)
+    allocate (locator%band(sides, mesh%elements), source=1.0_wp)
+    allocate (locator%both(sides, mesh%elements), source=.false.)
+    allocate (locator%centre(dim, mesh%elements), locator%reach(mesh%elements), box(dim, 2, mesh%elements))
+    locator%plane(dim + 1, :, :, :) = -0.5_wp ! sides that other kinds have exclude nothing
     do e = 1, mesh%elements
-      middle = sum(mesh%x(:, mesh%node(:kind_corners(mesh%kind(e)), e)), 2)/kind_corners(mesh%kind(e))
-      locator%centre(:, e) = middle
-      locator%reach(e) = maxval([(sum((mesh%x(:, mesh%node(k, e)) - middle)**2), k=1, kind_nodes(mesh%kind(e)))])
+      middle = 0.0_wp
+      do k = 1, kind_corners(mesh%kind(e))
+        middle(:dim) = middle(:dim) + mesh%x(:, mesh%node(k, e))/kind_corners(mesh%kind(e))
+      end do
+      locator%centre(:, e) = middle(:dim)
+      locator%reach(e) = 0.0_wp
+      do k = 1, kind_nodes(mesh%kind(e))
+        locator%reach(e) = max(locator%reach(e), sum((mesh%x(:, mesh%node(k, e)) - middle(:dim))**2))
+      end do
       call box_of_element(mesh, e, box(:, :, e))
-      wider = 0.5_wp*(box(:, 2, e) - box(:, 1, e))
-      locator%plane(:, :, e) = 0.0_wp ! sides that other kinds have exclude nothing
-      locator%plane(mesh%dim + 1, :, e) = -1.0_wp
-      outer(:, e) = -1.0_wp
       do s = 1, kind_sides(mesh%kind(e))
-        call side_band(mesh, e, s, box(:, 1, e) - wider, box(:, 2, e) + wider, locator%plane(:mesh%dim, s, e), &
-          locator%plane(mesh%dim + 1, s, e), outer(s, e))
+        do part = 1, parts
+          call side_plane(mesh, e, s, part, locator%plane(:dim, part, s, e), locator%plane(dim + 1, part, s, e), outer)
+        end do
+        locator%band(s, e) = locator%plane(dim + 1, parts, s, e) - outer
+        if (parts == 2) locator%both(s, e) = ends_at_both(mesh, e, s)
       end do
     end do
     call choose_buckets(mesh, box, locator)
-    call fill_buckets(mesh, box, outer, locator)
+    call fill_buckets(mesh, box, locator)
   end subroutine make_locator
 
   !> A box around an element, wider by what rounding asks for
@@ -459,15 +519,19 @@ contains
     type(mesh_t), intent(in) :: mesh
     integer, intent(in) :: e
     real(wp), intent(out) :: box(mesh%dim, 2)
-    real(wp) :: pole(mesh%dim), margin
+    real(wp) :: pole(2), margin
     integer :: k, s, corners
     corners = kind_corners(mesh%kind(e))
-    box(:, 1) = minval(mesh%x(:, mesh%node(:corners, e)), 2)
-    box(:, 2) = maxval(mesh%x(:, mesh%node(:corners, e)), 2)
+    box(:, 1) = mesh%x(:, mesh%node(1, e))
+    box(:, 2) = mesh%x(:, mesh%node(1, e))
+    do k = 2, corners
+      box(:, 1) = min(box(:, 1), mesh%x(:, mesh%node(k, e)))
+      box(:, 2) = max(box(:, 2), mesh%x(:, mesh%node(k, e)))
+    end do
     if (kind_nodes(mesh%kind(e)) > corners .and. mesh%dim == 2) then ! a parabola stays within its control points
       do s = 1, corners
         k = 1 + modulo(s, corners)
-        pole = 2.0_wp*mesh%x(:, mesh%node(corners + s, e)) - 0.5_wp*(mesh%x(:, mesh%node(s, e)) + mesh%x(:, mesh%node(k, e)))
+        pole = 2.0_wp*mesh%x(1:2, mesh%node(corners + s, e)) - 0.5_wp*(mesh%x(1:2, mesh%node(s, e)) + mesh%x(1:2, mesh%node(k, e)))
         box(:, 1) = min(box(:, 1), pole)
         box(:, 2) = max(box(:, 2), pole)
       end do
@@ -483,7 +547,7 @@ contains
     real(wp), intent(in) :: box(:, :, :)
     type(locator_t), intent(inout) :: locator
     real(wp) :: edge(mesh%dim)
-    real(dp) :: listed
+    real(dp) :: listed, lists
     integer :: dim, e, d
     dim = mesh%dim
     locator%low(:dim) = minval(box(:, 1, :), 2)
@@ -493,7 +557,11 @@ contains
       if (product(1.0_dp + (locator%high(:dim) - locator%low(:dim))/edge) <= 16.0_dp*mesh%elements + 64.0_dp) then
         listed = 0.0_dp
         do e = 1, mesh%elements
-          listed = listed + product([(2.0_dp + (box(d, 2, e) - box(d, 1, e))/edge(d), d=1, dim)])
+          lists = 1.0_dp
+          do d = 1, dim
+            lists = lists*(2.0_dp + (box(d, 2, e) - box(d, 1, e))/edge(d))
+          end do
+          listed = listed + lists
         end do
         if (listed <= 80.0_dp*mesh%elements) exit
       end if
@@ -504,9 +572,9 @@ contains
   end subroutine choose_buckets
 
   !> Note in every bucket which elements reach into it: count, sum, fill; then sort each list
-  subroutine fill_buckets(mesh, box, outer, locator)
+  subroutine fill_buckets(mesh, box, locator)
     type(mesh_t), intent(in) :: mesh
-    real(wp), intent(in) :: box(:, :, :), outer(:, :)
+    real(wp), intent(in) :: box(:, :, :)
     type(locator_t), intent(inout) :: locator
     integer, allocatable :: place(:)
     real(wp) :: low(3), high(3), bucket_low(3), bucket_high(3)
@@ -530,7 +598,7 @@ contains
                 bucket_low(d) = max(low(d), locator%low(d) + bucket/locator%per_length(d) - 4.0_wp*slack)
                 bucket_high(d) = min(high(d), locator%low(d) + (bucket + 1)/locator%per_length(d) + 4.0_wp*slack)
               end do
-              if (.not. reaches(locator, e, outer(:, e), bucket_low(:mesh%dim), bucket_high(:mesh%dim))) cycle
+              if (.not. reaches(locator, e, bucket_low(:mesh%dim), bucket_high(:mesh%dim))) cycle
               bucket = 1 + i + locator%buckets(1)*(j + locator%buckets(2)*k)
               if (pass == 1) then
                 locator%bucket_first(bucket + 1) = locator%bucket_first(bucket + 1) + 1
@@ -554,19 +622,23 @@ contains
   end subroutine fill_buckets
 
   !> May element e reach into a box? Not if one of its sides has the box on its far side
-  pure logical function reaches(locator, e, outer, low, high)
+  pure logical function reaches(locator, e, low, high)
     type(locator_t), intent(in) :: locator
     integer, intent(in) :: e
-    real(wp), intent(in) :: outer(:), low(:), high(:)
-    integer :: s, d
+    real(wp), intent(in) :: low(:), high(:)
+    integer :: s, d, part, without
     real(wp) :: most
     reaches = .false.
-    do s = 1, size(outer)
-      most = 0.0_wp
-      do d = 1, size(low)
-        most = most + max(locator%plane(d, s, e)*low(d), locator%plane(d, s, e)*high(d))
+    do s = 1, size(locator%plane, 3)
+      without = 0
+      do part = 1, size(locator%plane, 2)
+        most = locator%band(s, e) - locator%plane(size(low) + 1, part, s, e)
+        do d = 1, size(low)
+          most = most + max(locator%plane(d, part, s, e)*low(d), locator%plane(d, part, s, e)*high(d))
+        end do
+        if (most < 0.0_wp) without = without + 1
       end do
-      if (most < outer(s)) return
+      if (without == size(locator%plane, 2) .or. (without == 1 .and. .not. locator%both(s, e))) return
     end do
     reaches = .true.
   end function reaches
@@ -575,18 +647,18 @@ contains
   pure subroutine sort_buckets(mesh, locator)
     type(mesh_t), intent(in) :: mesh
     type(locator_t), intent(inout) :: locator
-    real(wp) :: middle(mesh%dim), distance
+    real(wp) :: middle(3), distance
     real(wp), allocatable :: distances(:)
     integer :: bucket, at(3), first, k, i, e
     allocate (distances(mesh%elements))
     do bucket = 1, size(locator%bucket_first) - 1
       at = [modulo(bucket - 1, locator%buckets(1)), modulo((bucket - 1)/locator%buckets(1), locator%buckets(2)), &
         (bucket - 1)/(locator%buckets(1)*locator%buckets(2))]
-      middle = locator%low(:mesh%dim) + (at(:mesh%dim) + 0.5_wp)/locator%per_length(:mesh%dim)
+      middle(:mesh%dim) = locator%low(:mesh%dim) + (at(:mesh%dim) + 0.5_wp)/locator%per_length(:mesh%dim)
       first = locator%bucket_first(bucket)
       do k = first, locator%bucket_first(bucket + 1) - 1
         e = locator%bucket_element(k)
-        distance = sum((middle - locator%centre(:, e))**2)/locator%reach(e)
+        distance = sum((middle(:mesh%dim) - locator%centre(:, e))**2)/locator%reach(e)
         do i = k - 1, first, -1 ! lists are short
           if (distances(1 + i - first) <= distance) exit
           distances(2 + i - first) = distances(1 + i - first)

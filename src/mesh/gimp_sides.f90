@@ -19,7 +19,7 @@ module gimp_sides
     most_side_corners
   implicit none(type, external)
   private
-  public :: slack, most_sides, side_value, side_values, side_band, owner_near, onto_side
+  public :: slack, most_sides, side_value, side_values, side_plane, ends_at_both, owner_near, onto_side
 
   real(wp), parameter :: slack = max(1.0e-10_wp, 64.0_wp*epsilon(1.0_wp)) !! [cells] beyond all rounding, below all that matters
   integer, parameter :: most_sides = 6 !! of an element
@@ -139,55 +139,52 @@ contains
     end do
   end function vertex_near
 
-  !> A side between two parallel planes: with the unit vector n into element e, its function is above `slack` where n.x > inner, and below
-  !> -`slack` where n.x < outer, within a box around the element somewhat wider than its own
-  pure subroutine side_band(mesh, e, s, low, high, n, inner, outer)
+  !> What planes say about a side: the function of part 1 or 2 of it (the triangles of a folded face; others have one part) is above `slack`
+  !> where n.x > inner, n being a unit vector into element e, and below -`slack` where n.x < outer
+  pure subroutine side_plane(mesh, e, s, part, n, inner, outer)
     type(mesh_t), intent(in) :: mesh
-    integer, intent(in) :: e, s
-    real(wp), intent(in) :: low(mesh%dim), high(mesh%dim) !! the box [cells]
+    integer, intent(in) :: e, s, part
     real(wp), intent(out) :: n(mesh%dim), inner, outer
-    integer :: node(most_side_corners), middle, t, k, d, triangle(3, 2)
-    real(wp) :: a(mesh%dim), at(mesh%dim), margin, beside
+    integer :: node(most_side_corners), middle, triangle(3, 2)
+    real(wp) :: margin, bulge
+    logical :: turned, valley
     node = side_nodes(mesh, e, s)
-    a = mesh%x(:, node(1))
+    bulge = 0.0_wp
     select case (mesh%dim)
     case (1)
-      n = sign(1.0_wp, mesh%x(1, mesh%node(3 - s, e)) - a(1))
+      n = sign(1.0_wp, mesh%x(1, mesh%node(3 - s, e)) - mesh%x(1, node(1)))
     case (2)
-      at = mesh%x(:, node(2)) - a
-      n = [-at(2), at(1)]/norm2(at)
-    case default
-      if (side_corners(mesh%kind(e)) == 3) then
-        n = cross(mesh%x(:, node(3)) - a, mesh%x(:, node(2)) - a)
-      else
-        n = cross(mesh%x(:, node(4)) - mesh%x(:, node(2)), mesh%x(:, node(3)) - a)
-      end if
+      n(1) = mesh%x(2, node(1)) - mesh%x(2, node(2))
+      n(2) = mesh%x(1, node(2)) - mesh%x(1, node(1))
       n = n/norm2(n)
-    end select
-    inner = dot_product(n, a)
-    outer = inner
-    if (mesh%dim == 2) then
       middle = middle_node(mesh, e, s)
-      if (middle > 0) beside = dot_product(n, mesh%x(:, middle) - 0.5_wp*(a + mesh%x(:, node(2))))
-      if (middle > 0) inner = inner + max(beside, 0.0_wp)
-      if (middle > 0) outer = outer + min(beside, 0.0_wp)
-    else if (side_corners(mesh%kind(e)) == 4) then ! the farthest that triangles and plane part in the box
-      triangle = fold(node)
-      inner = -huge(1.0_wp)
-      outer = huge(1.0_wp)
-      do t = 1, 2
-        do k = 0, 7
-          at = [(merge(high(d), low(d), btest(k, d - 1)), d=1, 3)]
-          beside = dot_product(n, at) + face_distance(mesh%x, triangle(:, t), at)
-          inner = max(inner, beside)
-          outer = min(outer, beside)
-        end do
-      end do
-    end if
-    margin = 2.0_wp*slack + 8.0_wp*epsilon(1.0_wp)*maxval(abs([low, high]))
-    inner = inner + margin
-    outer = outer - margin
-  end subroutine side_band
+      if (middle > 0) bulge = dot_product(n, mesh%x(:, middle) - 0.5_wp*(mesh%x(:, node(1)) + mesh%x(:, node(2))))
+    case default
+      turned = .false.
+      if (side_corners(mesh%kind(e)) == 4) then
+        call see_fold(mesh%x, node, triangle, turned, valley)
+        node(:3) = triangle(:, part)
+      end if
+      n = cross(mesh%x(:, node(3)) - mesh%x(:, node(1)), mesh%x(:, node(2)) - mesh%x(:, node(1)))
+      n = n/norm2(n)
+      if (turned) n = -n
+    end select
+    margin = 2.0_wp*slack + 8.0_wp*epsilon(1.0_wp)*maxval(abs(mesh%x(:, node(1))))
+    inner = dot_product(n, mesh%x(:, node(1))) + max(bulge, 0.0_wp) + margin
+    outer = dot_product(n, mesh%x(:, node(1))) + min(bulge, 0.0_wp) - margin
+  end subroutine side_plane
+
+  !> Does element e end at a folded face where both triangles are passed (a ridge seen from within), or where one is?
+  pure logical function ends_at_both(mesh, e, s)
+    type(mesh_t), intent(in) :: mesh
+    integer, intent(in) :: e, s
+    integer :: triangle(3, 2)
+    logical :: turned, valley
+    ends_at_both = .false.
+    if (side_corners(mesh%kind(e)) < 4) return
+    call see_fold(mesh%x, side_nodes(mesh, e, s), triangle, turned, valley)
+    ends_at_both = valley .neqv. turned
+  end function ends_at_both
 
   !> The node in the middle of an edge that is curved; 0 for straight ones
   pure integer function middle_node(mesh, e, s) result(middle)
@@ -250,30 +247,32 @@ contains
     integer, intent(in) :: node(4)
     real(wp), intent(in) :: p(3)
     integer :: triangle(3, 2)
-    real(wp) :: one, other
-    logical :: turned
-    triangle = fold(node)
-    turned = triangle(2, 1) > triangle(3, 2)
-    if (turned) triangle = reshape([triangle(1, 2), triangle(3, 2), triangle(2, 2), triangle(1, 1), triangle(3, 1), triangle(2, 1)], [3, 2])
-    one = face_distance(x, triangle(:, 1), p)
-    other = face_distance(x, triangle(:, 2), p)
-    if (face_distance(x, triangle(:, 1), x(:, triangle(3, 2))) >= 0.0_wp) then
-      distance = min(one, other) ! a valley
+    logical :: turned, valley
+    call see_fold(x, node, triangle, turned, valley)
+    if (valley) then
+      distance = min(face_distance(x, triangle(:, 1), p), face_distance(x, triangle(:, 2), p))
     else
-      distance = max(one, other) ! a ridge
+      distance = max(face_distance(x, triangle(:, 1), p), face_distance(x, triangle(:, 2), p))
     end if
     if (turned) distance = -distance
   end function fold_distance
 
-  !> The two triangles of a quadrilateral face on both sides of the diagonal through its lowest node, which comes first in both
-  pure function fold(node) result(triangle)
+  !> A folded face as both its neighbours see it: from the side where of the two nodes off the diagonal the lower one comes first
+  pure subroutine see_fold(x, node, triangle, turned, valley)
+    real(wp), intent(in) :: x(:, :)
     integer, intent(in) :: node(4)
-    integer :: triangle(3, 2)
-    integer :: turned(4)
-    turned = cshift(node, minloc(node, dim=1) - 1)
-    triangle(:, 1) = turned([1, 2, 3])
-    triangle(:, 2) = turned([1, 3, 4])
-  end function fold
+    integer, intent(out) :: triangle(3, 2) !! their nodes, counter-clockwise from there
+    logical, intent(out) :: turned !! corners of `node` turn clockwise from there
+    logical, intent(out) :: valley !! the other one is not below the triangle of the first
+    integer :: ring(4), k
+    k = minloc(node, dim=1)
+    ring = node(1 + modulo([k - 1, k, k + 1, k + 2], 4))
+    turned = ring(2) > ring(4)
+    if (turned) ring(2:4) = ring(4:2:-1)
+    triangle(:, 1) = ring(1:3)
+    triangle(:, 2) = [ring(1), ring(3), ring(4)]
+    valley = face_distance(x, triangle(:, 1), x(:, ring(4))) >= 0.0_wp
+  end subroutine see_fold
 
   pure function cross(a, b) result(c)
     real(wp), intent(in) :: a(3), b(3)
@@ -288,6 +287,7 @@ contains
     real(wp), intent(inout) :: x(mesh%dim)
     integer :: e, s, node(most_side_corners), triangle(3, 2), middle, try
     real(wp) :: foot(mesh%dim), other(mesh%dim), centre(mesh%dim), value(most_sides), share
+    logical :: turned, valley
     e = mesh%side_element(side)
     s = mesh%side_number(side)
     node = side_nodes(mesh, e, s)
@@ -305,7 +305,7 @@ contains
       if (side_corners(mesh%kind(e)) == 3) then
         foot = nearest_on_triangle(mesh%x(:, node(1)), mesh%x(:, node(2)), mesh%x(:, node(3)), x)
       else
-        triangle = fold(node)
+        call see_fold(mesh%x, node, triangle, turned, valley)
         foot = nearest_on_triangle(mesh%x(:, triangle(1, 1)), mesh%x(:, triangle(2, 1)), mesh%x(:, triangle(3, 1)), x)
         other = nearest_on_triangle(mesh%x(:, triangle(1, 2)), mesh%x(:, triangle(2, 2)), mesh%x(:, triangle(3, 2)), x)
         if (sum((other - x)**2) < sum((foot - x)**2)) foot = other
