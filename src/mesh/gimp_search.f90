@@ -1,9 +1,10 @@
 !> Which element of a mesh a point is in: the search directed by the velocity, and the one that knows nothing beforehand.
 !>
 !> A point that has left its element is sought
-!>   1. around the vertices that it passed: those of violated sides, the ones that most violated sides share first, among equals in the order
-!>      of n_B.v/|n_B|, n_B = sum of the edges of the element that reach B (the notes' step 3, ranked). If one side alone is violated, the
-!>      element across it comes first; the elements around a vertex follow in the order of how near their centres are;
+!>   1. around the vertices B that it passed: those of violated sides, the ones that most violated sides share first, among equals in the order
+!>      of n_B.v/|n_B|, n_B = sum of the edges of the element that reach B (the notes' step 3, ranked). The elements around B follow in the
+!>      order of how far they lie in the direction from B to the point. Where one side alone is violated, of the element left or of one just
+!>      tested, the element across it goes before them (of the element left only while the point is low over the side);
 !>   2. across the side that is violated most, again and again, from the nearest element seen so far; those visited last are not entered again;
 !>   3. in rings of neighbours of neighbours, three at most, where the walk went in a circle;
 !>   4. in buckets: boxes that list the elements that reach into them. They decide alone who has left the mesh, whatever its outline.
@@ -99,11 +100,18 @@ contains
   end subroutine find_element
 
   !> Who owns x, with nothing known beforehand
-  pure subroutine find_anywhere(mesh, locator, x, found)
+  pure subroutine find_anywhere(mesh, locator, x, found, hint)
     type(mesh_t), intent(in) :: mesh
     type(locator_t), intent(in) :: locator
     real(wp), intent(in) :: x(mesh%dim) !! [cells]
     type(found_t), intent(out) :: found
+    integer, intent(in), optional :: hint !! an element to look into first, as the last one of a row of points; 0: none
+    if (present(hint)) then
+      if (hint > 0) then
+        found = found_t(element=hint, how=found_here, visits=1)
+        if (is_deep(mesh%dim, locator, hint, x)) return
+      end if
+    end if
     call look_in_bucket(mesh, locator, x, found)
     if (found%element == 0) found%how = found_outside
   end subroutine find_anywhere
@@ -246,8 +254,7 @@ contains
     next = 0
     if (rule == rule_velocity) then
       most = 1 + tests_at_vertices
-      s = minloc(value, dim=1)
-      if (count(value < -slack) == 1) next = max(mesh%across(s, start), 0)
+      next = straight_across(mesh, locator, x, start, mesh%node(corner(1), start), value)
     end if
     k = 1
     do while (n < most)
@@ -265,8 +272,32 @@ contains
       n = n + 1
       tested(n) = next
       next = 0
+      if (rule == rule_velocity .and. count(trial < -slack) == 1) then
+        next = max(mesh%across(minloc(trial, dim=1), tested(n)), 0)
+        if (any(tested(:n) == next)) next = 0
+      end if
     end do
   end subroutine look_around_vertices
+
+  !> The element across the side of e that alone is violated, if x stands low over that side as seen from the vertex: not half as steep as the
+  !> centre of that element; else 0
+  pure integer function straight_across(mesh, locator, x, e, vertex, value) result(next)
+    type(mesh_t), intent(in) :: mesh
+    type(locator_t), intent(in) :: locator
+    real(wp), intent(in) :: x(mesh%dim)
+    integer, intent(in) :: e, vertex
+    real(wp), intent(in) :: value(most_sides) !! functions of the sides of e
+    real(wp) :: to_point, to_centre
+    integer :: s
+    next = 0
+    if (count(value < -slack) /= 1) return
+    s = minloc(value, dim=1)
+    if (mesh%across(s, e) < 0) return
+    next = mesh%across(s, e)
+    to_point = norm2(x - mesh%x(:, vertex))
+    to_centre = norm2(locator%centre(:, next) - mesh%x(:, vertex))
+    if (-value(s)*to_centre > -0.5_wp*beyond_planes(locator, e, s, locator%centre(:, next))*to_point) next = 0
+  end function straight_across
 
   !> Corners of element e in the order in which the rule looks around them
   pure subroutine rank_vertices(mesh, rule, v, e, value, corner, corners)
@@ -338,26 +369,27 @@ contains
     end if
   end function have_edge
 
-  !> The element around a vertex to test next: the first of the list by the notes' rule, else the one whose centre is nearest to x, measured
-  !> by its own size; 0 if all were tested
+  !> The element around a vertex to test next: the first of the list by the notes' rule, else the one that lies farthest in the direction of x,
+  !> told by its centre; 0 if all were tested
   pure integer function next_around(mesh, locator, rule, x, vertex, tested) result(next)
     type(mesh_t), intent(in) :: mesh
     type(locator_t), intent(in) :: locator
     integer, intent(in) :: rule
     real(wp), intent(in) :: x(mesh%dim)
     integer, intent(in) :: vertex, tested(:)
-    real(wp) :: distance, least
+    real(wp) :: ahead, most, along(3)
     integer :: i, e
     next = 0
-    least = huge(1.0_wp)
+    most = -huge(1.0_wp)
     do i = mesh%vertex_first(vertex), mesh%vertex_first(vertex + 1) - 1
       e = mesh%vertex_element(i)
       if (any(tested == e)) cycle
-      distance = sum((x - locator%centre(:, e))**2)/locator%reach(e)
-      if (distance >= least) cycle
+      along(:mesh%dim) = locator%centre(:, e) - mesh%x(:, vertex)
+      ahead = dot_product(x - mesh%x(:, vertex), along(:mesh%dim))/norm2(along(:mesh%dim))
+      if (ahead <= most) cycle
       next = e
       if (rule == rule_component) return
-      least = distance
+      most = ahead
     end do
   end function next_around
 
