@@ -9,7 +9,7 @@ module gimp_elements
   use gimp_mesh, only: line2, triangle3, triangle6, quad4, quad8, quad9, tetrahedron4, hexahedron8, kind_dim, kind_nodes
   implicit none(type, external)
   private
-  public :: shape_values, shape_slopes, natural_coordinates, beyond, far_outside
+  public :: shape_values, shape_slopes, shape_gradients, natural_coordinates, beyond, far_outside
   public :: element_volume, element_height, smallest_jacobian, jacobian
 
   real(wp), parameter :: far_outside = 1.0e10_wp !! natural coordinates of a place that has none
@@ -111,6 +111,33 @@ contains
       end do
     end select
   end subroutine shape_slopes
+
+  !> Gradients grad N at xi [1/cells]; 0 where det J is
+  pure subroutine shape_gradients(kind, xe, xi, g)
+    integer, intent(in) :: kind
+    real(wp), intent(in) :: xe(:, :), xi(:) !! (dim, nodes), (dim)
+    real(wp), intent(out) :: g(:, :) !! (dim, nodes)
+    real(wp) :: j(kind_dim(kind), kind_dim(kind)), dn(kind_dim(kind), kind_nodes(kind)), det, per
+    integer :: dim, i
+    dim = kind_dim(kind)
+    j = jacobian(kind, xe, xi)
+    call shape_slopes(kind, xi, dn)
+    det = determinant(j)
+    per = 0.0_wp
+    if (abs(det) > tiny(1.0_wp)/round_off**2) per = 1.0_wp/det
+    select case (dim)
+    case (1)
+      g(1:1, 1:size(dn, 2)) = per*dn
+    case (2)
+      do i = 1, size(dn, 2)
+        g(1:2, i) = per*(dn(1, i)*[j(2, 2), -j(1, 2)] + dn(2, i)*[-j(2, 1), j(1, 1)])
+      end do
+    case default
+      do i = 1, size(dn, 2)
+        g(1:3, i) = per*(dn(1, i)*normal(j(:, 2), j(:, 3)) + dn(2, i)*normal(j(:, 3), j(:, 1)) + dn(3, i)*normal(j(:, 1), j(:, 2)))
+      end do
+    end select
+  end subroutine shape_gradients
 
   !> Slopes of barycentric coordinates
   pure subroutine simplex_slopes(dim, dn)
