@@ -9,6 +9,8 @@
 !> particle has: domains tile the body. Parts of cells and sectors may be cut into triangles or tetrahedra (Kuhn 1960: one for each
 !> order of the axes), a particle each at the centroid. Neighbours get the same numbers for the corners they share.
 !>
+!> A region that comes in pieces, such as the elements of a mesh, has a particle at the centroid of each piece.
+!>
 !> Who owns a point: a later body takes only what no earlier one holds; `subtract` carves all bodies above it in the list,
 !> and what it frees is open to bodies below it.
 !>
@@ -19,7 +21,8 @@ module gimp_fill
   use gimp_error, only: error_t, add_error
   use gimp_text, only: text_of
   use gimp_shares, only: share_t, items_of_share
-  use gimp_shapes, only: shape_t, inside, shape_bounds, check_shape, shape_none, shape_ring, shape_sphere, unbounded
+  use gimp_shapes, only: shape_t, inside, shape_bounds, check_shape, shape_none, shape_ring, shape_sphere, shape_region, unbounded
+  use gimp_pieces, only: box_triangles, box_tetrahedra, simplex_content, quadrilateral_area, quadrilateral_centroid
   implicit none(type, external)
   private
   public :: fill_t, fill_body_t, fill_bodies, count_share, check_counts, fill_share
@@ -34,7 +37,7 @@ module gimp_fill
     character(len=32) :: name = ""
     type(shape_t) :: shape !! kind `shape_none`: particles come from elsewhere, nothing is filled or claimed here
     logical :: subtract = .false. !! carves the bodies above it instead of adding material
-    integer :: particles_per_axis(3) = 2 !! per cell
+    integer :: particles_per_axis(3) = 2 !! per cell; a region knows its pieces
     logical :: polar = .false. !! polar instead of Cartesian fill
     integer :: radial_particles = 0, angular_particles = 0 !! polar fill
     logical :: corners = .false. !! of domains are wanted (those of a Cartesian fill are boxes and not kept)
@@ -47,8 +50,8 @@ module gimp_fill
     integer(i8) :: n = 0
     real(dp), allocatable :: position(:, :) !! (dim, n) absolute [m]
     real(dp), allocatable :: volume(:) !! (n) [m3; per unit thickness in 2D]
-    real(dp), allocatable :: half_length(:, :) !! (dim, n) [m]; polar: of the square with the area of the sector
-    integer, allocatable :: faces(:) !! (n) bit mask: no particle of the same body next to it there; polar fill and simplices: 0
+    real(dp), allocatable :: half_length(:, :) !! (dim, n) [m]; polar: of the square with the area of the sector; pieces: of the box around, scaled
+    integer, allocatable :: faces(:) !! (n) bit mask: no particle of the same body next to it there; polar fill, simplices and pieces: 0
     real(dp), allocatable :: corner(:, :, :) !! (dim, corners, n) of domains [m], if some body keeps them
     logical, allocatable :: keeps(:) !! (bodies) it keeps the corners of its domains
     integer(i8), allocatable :: first(:), count(:) !! (bodies) where a body starts here, and how many particles it has here
@@ -77,7 +80,7 @@ contains
     type(error_t), allocatable, intent(out) :: error
     integer, allocatable :: outside(:)
     call count_share(dim, lower, spacing, cells, bodies, share_t(), result, outside, error)
-    if (.not. allocated(error)) call check_counts(dim, lower, spacing, cells, bodies, result%count, outside, error)
+    if (.not. allocated(error)) call check_counts(dim, lower, spacing, cells, .false., bodies, result%count, outside, error)
     if (.not. allocated(error)) call fill_share(dim, lower, spacing, cells, bodies, result)
   end subroutine fill_bodies
 
@@ -93,7 +96,7 @@ contains
     type(error_t), allocatable, intent(out) :: error
     integer :: b
     result%share = share
-    result%keeps = bodies%corners .and. (bodies%polar .or. bodies%simplices)
+    result%keeps = bodies%corners .and. (bodies%polar .or. bodies%simplices .or. bodies%shape%kind == shape_region)
     allocate (result%first(size(bodies)), result%count(size(bodies)), source=0_i8)
     allocate (outside(size(bodies)), source=0)
     do b = 1, size(bodies)
@@ -136,7 +139,9 @@ contains
       if (bodies(b)%subtract .or. bodies(b)%shape%kind == shape_none) cycle
       result%first(b) = n + 1
       call list_rivals(bodies, b, dim, rivals)
-      if (bodies(b)%polar) then
+      if (bodies(b)%shape%kind == shape_region) then
+        call fill_region(bodies, b, rivals, dim, fill, result, n)
+      else if (bodies(b)%polar) then
         call fill_polar(bodies, b, rivals, lower, lower + spacing*cells, fill, result, n, outside(b))
       else
         call lay_lattice(bodies(b), dim, lower, spacing, cells, lattice)
@@ -232,10 +237,18 @@ contains
     type(fill_body_t), intent(in) :: bodies(:)
     integer, intent(in) :: b, rivals(:), dim
     real(dp), intent(in) :: x(3)
+    owns = inside(bodies(b)%shape, dim, x)
+    if (owns) owns = is_left(bodies, b, rivals, dim, x)
+  end function owns
+
+  !> Is a point of body b left to it by the other bodies?
+  pure logical function is_left(bodies, b, rivals, dim, x) result(owns)
+    type(fill_body_t), intent(in) :: bodies(:)
+    integer, intent(in) :: b, rivals(:), dim
+    real(dp), intent(in) :: x(3)
     logical :: taken
     integer :: r, a
-    owns = inside(bodies(b)%shape, dim, x)
-    if (.not. owns) return
+    owns = .true.
     taken = .false.
     do r = 1, size(rivals)
       a = rivals(r)
@@ -249,7 +262,7 @@ contains
       end if
     end do
     owns = .not. taken
-  end function owns
+  end function is_left
 
   !> Bodies that may own points of body b, in order: those that carve, and those that were there before; each only where its
   !> box overlaps that of b
@@ -329,24 +342,48 @@ contains
 
   end subroutine fill_polar
 
+  !> Count or fill a share of the pieces of a region
+  subroutine fill_region(bodies, b, rivals, dim, fill, result, n)
+    type(fill_body_t), intent(in) :: bodies(:)
+    integer, intent(in) :: b, rivals(:), dim
+    logical, intent(in) :: fill
+    type(fill_t), intent(inout) :: result
+    integer(i8), intent(inout) :: n
+    real(dp) :: corner(dim, 2**dim), content, x(3), extent(dim)
+    integer(i8) :: pieces(2), piece
+    integer :: corners
+    x = 0.0_dp
+    pieces = items_of_share(result%share, bodies(b)%shape%region%pieces())
+    do piece = pieces(1), pieces(2)
+      call bodies(b)%shape%region%piece(piece, corners, corner, content, x(:dim))
+      if (.not. is_left(bodies, b, rivals, dim, x)) cycle
+      n = n + 1
+      if (.not. fill) cycle
+      extent = maxval(corner(:, :corners), dim=2) - minval(corner(:, :corners), dim=2)
+      result%position(:, n) = x(:dim)
+      result%volume(n) = content
+      result%half_length(:, n) = 0.5_dp*extent*(content/product(extent))**(1.0_dp/dim)
+      result%faces(n) = 0
+      if (bodies(b)%corners) result%corner(:, :, n) = corner(:, :corners)
+    end do
+  end subroutine fill_region
+
   !> Count or store the particle of a domain, or those of the simplices it is cut into
   pure subroutine put_domain(simplices, box, fill, result, n)
     logical, intent(in) :: simplices, fill
     real(dp), intent(in) :: box(:, :) !! (dim, 2^dim) corners, the first axis fastest [m]
     type(fill_t), intent(inout) :: result
     integer(i8), intent(inout) :: n !! particles so far
-    integer, parameter :: triangles(3, 2) = reshape([1, 2, 4, 1, 4, 3], [3, 2])
-    integer, parameter :: tetrahedra(4, 6) = reshape([1, 2, 4, 8, 1, 3, 7, 8, 1, 5, 6, 8, 1, 4, 3, 8, 1, 7, 5, 8, 1, 6, 2, 8], [4, 6])
     integer :: piece
     if (.not. simplices) then
       call put_particle(box, quadrilateral_area(box), quadrilateral_centroid(box), fill, result, n)
     else if (size(box, 1) == 2) then
       do piece = 1, 2
-        call put_simplex(box(:, triangles(:, piece)), fill, result, n)
+        call put_simplex(box(:, box_triangles(:, piece)), fill, result, n)
       end do
     else
       do piece = 1, 6
-        call put_simplex(box(:, tetrahedra(:, piece)), fill, result, n)
+        call put_simplex(box(:, box_tetrahedra(:, piece)), fill, result, n)
       end do
     end if
   end subroutine put_domain
@@ -376,31 +413,6 @@ contains
     result%corner(:, :, n) = corner
   end subroutine put_particle
 
-  pure real(dp) function simplex_content(corner) result(content)
-    real(dp), intent(in) :: corner(:, :)
-    real(dp) :: e(size(corner, 1), size(corner, 1))
-    e = corner(:, 2:) - spread(corner(:, 1), 2, size(corner, 1))
-    if (size(corner, 1) == 2) then
-      content = 0.5_dp*(e(1, 1)*e(2, 2) - e(2, 1)*e(1, 2))
-    else
-      content = (e(1, 1)*(e(2, 2)*e(3, 3) - e(3, 2)*e(2, 3)) + e(2, 1)*(e(3, 2)*e(1, 3) - e(1, 2)*e(3, 3)) &
-                 + e(3, 1)*(e(1, 2)*e(2, 3) - e(2, 2)*e(1, 3)))/6.0_dp
-    end if
-  end function simplex_content
-
-  !> Corners as of `put_domain`
-  pure real(dp) function quadrilateral_area(box) result(area)
-    real(dp), intent(in) :: box(2, 4)
-    area = simplex_content(box(:, [1, 2, 4])) + simplex_content(box(:, [1, 4, 3]))
-  end function quadrilateral_area
-
-  pure function quadrilateral_centroid(box) result(x)
-    real(dp), intent(in) :: box(2, 4)
-    real(dp) :: x(2)
-    x = (simplex_content(box(:, [1, 2, 4]))*(box(:, 1) + box(:, 2) + box(:, 4)) &
-         + simplex_content(box(:, [1, 4, 3]))*(box(:, 1) + box(:, 4) + box(:, 3)))/(3.0_dp*quadrilateral_area(box))
-  end function quadrilateral_centroid
-
   !> What can be said about a body before it is filled
   pure subroutine check_body(body, b, dim, error)
     type(fill_body_t), intent(in) :: body
@@ -420,28 +432,33 @@ contains
   end subroutine check_body
 
   !> What can only be said after counting: each body must have particles and stay in the grid box
-  subroutine check_counts(dim, lower, spacing, cells, bodies, count, outside, error)
+  subroutine check_counts(dim, lower, spacing, cells, is_mesh, bodies, count, outside, error)
     integer, intent(in) :: dim, cells(3)
     real(dp), intent(in) :: lower(3), spacing !! as of `fill_bodies`
+    logical, intent(in) :: is_mesh !! the box is that around a mesh
     type(fill_body_t), intent(in) :: bodies(:)
     integer(i8), intent(in) :: count(:) !! (bodies) of all shares
     integer, intent(in) :: outside(:) !! (bodies) bit masks of all shares
     type(error_t), allocatable, intent(out) :: error
-    character(len=:), allocatable :: sides
+    character(len=:), allocatable :: sides, box, remedy
     real(dp) :: low(3), high(3), upper(3)
     integer :: b, k
     upper = lower + spacing*cells
+    box = "the grid box"
+    remedy = "; move it or enlarge &grid"
+    if (is_mesh) box = "the box around the mesh"
+    if (is_mesh) remedy = "; move it or make the mesh larger"
     do b = 1, size(bodies)
       if (bodies(b)%subtract .or. bodies(b)%shape%kind == shape_none) cycle
       call shape_bounds(bodies(b)%shape, dim, low, high)
       if (any(low(:dim) >= upper(:dim) .or. high(:dim) <= lower(:dim))) then
-        call add_error(error, title_of(bodies(b), b)//": lies outside the grid box; move it or enlarge &grid")
+        call add_error(error, title_of(bodies(b), b)//": lies outside "//box//remedy)
       else if (outside(b) /= 0) then
         sides = ""
         do k = 0, 5
           if (btest(outside(b), k)) sides = sides//" "//trim(side_names(k))
         end do
-        call add_error(error, title_of(bodies(b), b)//": reaches beyond the grid box at"//sides//"; move it or enlarge &grid")
+        call add_error(error, title_of(bodies(b), b)//": reaches beyond "//box//" at"//sides//remedy)
       else if (count(b) == 0) then
         call add_error(error, title_of(bodies(b), b)//": no particle centre lies inside; it must be larger than the particle " &
           //"spacing and not wholly taken or carved away by other bodies")

@@ -8,31 +8,70 @@
 !> - cut: a point on the plane stays.
 !> "Exactly" includes `slack`, 1e-12 of the largest coordinate or length of the shape.
 module gimp_shapes
-  use gimp_kinds, only: dp, pi
+  use gimp_kinds, only: dp, i8, pi
   use gimp_error, only: error_t, add_error
   use gimp_text, only: text_of
   implicit none(type, external)
   private
-  public :: shape_t, inside, shape_volume, shape_center, shape_bounds, check_shape, unbounded
-  public :: shape_words, shape_none, shape_box, shape_sphere, shape_cylinder, shape_ring, shape_polygon
+  public :: shape_t, region_t, inside, shape_volume, shape_center, shape_bounds, check_shape, unbounded
+  public :: shape_words, shape_none, shape_box, shape_sphere, shape_cylinder, shape_ring, shape_polygon, shape_region
 
   !> Shapes by name; the constants below are positions in this list. A particle file has no shape: it fills nothing here.
-  character(len=*), parameter :: shape_words = "box sphere cylinder ring polygon file"
-  integer, parameter :: shape_box = 1, shape_sphere = 2, shape_cylinder = 3, shape_ring = 4, shape_polygon = 5, shape_none = 6
+  character(len=*), parameter :: shape_words = "box sphere cylinder ring polygon file elements"
+  integer, parameter :: shape_box = 1, shape_sphere = 2, shape_cylinder = 3, shape_ring = 4, shape_polygon = 5, shape_none = 6, &
+    shape_region = 7
 
   real(dp), parameter :: unbounded = huge(1.0_dp) !! magnitude of a height limit that is not given
   real(dp), parameter :: slack = 1.0e-12_dp !! relative; far above round-off, far below any spacing
 
+  !> A region that comes in pieces, such as the elements of a mesh, with a particle in each piece
+  type, abstract :: region_t
+  contains
+    procedure(holds_i), deferred :: holds
+    procedure(pieces_i), deferred :: pieces
+    procedure(piece_i), deferred :: piece
+  end type region_t
+
+  abstract interface
+    !> Does the point lie in the region?
+    pure logical function holds_i(self, x)
+      import :: region_t, dp
+      implicit none(type, external)
+      class(region_t), intent(in) :: self
+      real(dp), intent(in) :: x(:) !! (dim) [m]
+    end function holds_i
+
+    !> How many pieces
+    pure integer(i8) function pieces_i(self)
+      import :: region_t, i8
+      implicit none(type, external)
+      class(region_t), intent(in) :: self
+    end function pieces_i
+
+    !> One of them
+    pure subroutine piece_i(self, number, corners, corner, content, centroid)
+      import :: region_t, dp, i8
+      implicit none(type, external)
+      class(region_t), intent(in) :: self
+      integer(i8), intent(in) :: number !! from 1
+      integer, intent(out) :: corners !! dim + 1 or 2**dim
+      real(dp), intent(out) :: corner(:, :) !! (dim, 2**dim): the first `corners` of them, of cells with the first axis fastest [m]
+      real(dp), intent(out) :: content !! [m^dim]
+      real(dp), intent(out) :: centroid(:) !! (dim) [m]
+    end subroutine piece_i
+  end interface
+
   !> A region of space; which components are read depends on `kind`
   type :: shape_t
     integer :: kind = shape_none
-    real(dp) :: lower(3) = 0.0_dp, upper(3) = 0.0_dp !! box [m]
+    real(dp) :: lower(3) = 0.0_dp, upper(3) = 0.0_dp !! box, or the box around a region [m]
     real(dp) :: center(3) = 0.0_dp !! sphere, cylinder, ring [m]
     real(dp) :: radius = 0.0_dp !! sphere, cylinder [m]
     real(dp) :: inner_radius = 0.0_dp, outer_radius = 0.0_dp !! ring [m]
     integer :: axis = 3 !! cylinder and ring in 3D: 1, 2, 3 for x, y, z
     real(dp) :: axis_lower = -unbounded, axis_upper = unbounded !! their height range, absolute [m]
     real(dp), allocatable :: vertices(:, :) !! polygon: (2, vertices), either sense, not closed by a repeated vertex [m]
+    class(region_t), pointer :: region => null()
     integer :: cuts = 0 !! half spaces taken away, at most 4
     real(dp) :: cut_point(3, 4) = 0.0_dp !! a point on each cutting plane [m]
     real(dp) :: cut_normal(3, 4) = 0.0_dp !! points to the side that is taken away, any length
@@ -65,6 +104,9 @@ contains
       end if
     case (shape_polygon)
       if (.not. in_polygon(shape%vertices, x)) return
+    case (shape_region)
+      inside = shape%region%holds(x(:dim))
+      return
     case default
       return
     end select
@@ -190,7 +232,7 @@ contains
     integer :: k
     center = 0.0_dp
     select case (shape%kind)
-    case (shape_box)
+    case (shape_box, shape_region)
       center(:dim) = 0.5_dp*(shape%lower(:dim) + shape%upper(:dim))
     case (shape_polygon)
       do k = 1, size(shape%vertices, 2)
@@ -218,7 +260,7 @@ contains
     lower = 0.0_dp
     upper = 0.0_dp
     select case (shape%kind)
-    case (shape_box)
+    case (shape_box, shape_region)
       lower(:dim) = shape%lower(:dim)
       upper(:dim) = shape%upper(:dim)
     case (shape_polygon)

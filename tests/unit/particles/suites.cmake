@@ -1,4 +1,6 @@
 gimp_add_unit_test(particles test_shapes)
+gimp_add_unit_test(particles test_pieces)
+gimp_add_unit_test(particles test_element_region USES made_meshes)
 gimp_add_unit_test(particles test_fill)
 gimp_add_unit_test(particles test_fill_shares)
 gimp_add_unit_test(particles test_reorder)

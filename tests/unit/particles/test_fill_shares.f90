@@ -153,7 +153,7 @@ contains
     end do
     call check_true(all(masks(1, :) == [0, 0, 2]), "only the last share of the first body sticks out")
     call check(int(counts(2)), 1, "the shares of the dot: one particle")
-    call check_counts(2, zero, 0.2_wp, [6, 6, 1], bodies, counts, ior(masks(:, 0), ior(masks(:, 1), masks(:, 2))), error)
+    call check_counts(2, zero, 0.2_wp, [6, 6, 1], .false., bodies, counts, ior(masks(:, 0), ior(masks(:, 1), masks(:, 2))), error)
     call check_true(allocated(error), "judged together")
     if (allocated(error)) call check(error%message, "&body 1 'off': reaches beyond the grid box at x_high; move it or enlarge &grid", &
       "only the body that sticks out is refused")
