@@ -4,9 +4,10 @@
 module gimp_scene_checks
   use gimp_common_kinds, only: dp
   use gimp_text, only: text_of
-  use gimp_scene_mistakes, only: mistakes_t, suggestion
-  use gimp_scene_store, only: scene_t, count_groups, find_key, is_given, is_read, has_value, line_of, note_key, &
-                              real_of, reals_of, word_of, text_of_key, logical_of, texts_of
+  use gimp_scene_mistakes, only: mistakes_t, suggestion, note_mistake
+  use gimp_scene_store, only: scene_t, count_groups, is_given, usable, line_of, note_key, note_group, &
+                              real_of, reals_of, integers_of, word_of, text_of_key, logical_of, texts_of
+  use gimp_scene_mesh_checks, only: check_mesh, check_mesh_sides
   implicit none(type, external)
   private
   public :: check_scene
@@ -18,7 +19,9 @@ contains
     type(scene_t), intent(in) :: scene
     type(mistakes_t), intent(inout) :: mistakes
     call check_kinematics(scene, mistakes)
+    call check_background(scene, mistakes)
     call check_grid(scene, mistakes)
+    call check_mesh(scene, mistakes)
     call check_materials(scene, mistakes)
     call check_bodies(scene, mistakes)
     call check_boundaries(scene, mistakes)
@@ -27,15 +30,6 @@ contains
     call check_output(scene, mistakes)
     call check_verification(scene, mistakes)
   end subroutine check_scene
-
-  !> Whether a key can be worked with: read by the choices made, and written soundly or with a default
-  pure logical function usable(scene, group, which, key)
-    type(scene_t), intent(in) :: scene
-    character(len=*), intent(in) :: group, key
-    integer, intent(in) :: which
-    usable = is_read(scene, which, find_key(scene, group, key))
-    if (usable) usable = has_value(scene, group, which, key)
-  end function usable
 
   pure subroutine check_kinematics(scene, mistakes)
     type(scene_t), intent(in) :: scene
@@ -47,6 +41,18 @@ contains
     call note_key(mistakes, scene, "scene", 1, "kinematics", "a scene of dimension "//text_of(scene%dimension)//' takes "'// &
                   trim(fitting(scene%dimension))//'"')
   end subroutine check_kinematics
+
+  !> A grid or a mesh
+  pure subroutine check_background(scene, mistakes)
+    type(scene_t), intent(in) :: scene
+    type(mistakes_t), intent(inout) :: mistakes
+    integer :: grids, meshes
+    grids = count_groups(scene, "grid")
+    meshes = count_groups(scene, "mesh")
+    if (grids == 0 .and. meshes == 0) call note_mistake(mistakes, 0, "&grid: the group is missing (the box of the background grid "// &
+                                                        "and its spacing), and so is &mesh; a scene has one of the two")
+    if (grids > 0 .and. meshes > 0) call note_group(mistakes, scene, "mesh", 1, "cannot stand together with &grid; give one of the two")
+  end subroutine check_background
 
   !> A whole number of cells on every axis
   pure subroutine check_grid(scene, mistakes)
@@ -239,6 +245,8 @@ contains
     case ("file")
       if (word_of(scene, "body", b, "operation") == "subtract") &
         call note_key(mistakes, scene, "body", b, "operation", "particles of a file can only be added")
+    case ("elements")
+      call check_elements(scene, b, mistakes)
     end select
     call check_cuts(scene, b, mistakes)
     if (.not. usable(scene, "body", b, "fill")) return
@@ -247,6 +255,22 @@ contains
     call note_key(mistakes, scene, "body", b, "fill", "polar particles are for a ring or sphere in 2D, not for a "//shape// &
                   " in "//text_of(scene%dimension)//"D")
   end subroutine check_shape
+
+  !> Elements of the mesh: they can only be added, and are cut equally along all their edges
+  pure subroutine check_elements(scene, b, mistakes)
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: b
+    type(mistakes_t), intent(inout) :: mistakes
+    integer, allocatable :: parts(:)
+    if (count_groups(scene, "mesh") == 0) &
+      call note_key(mistakes, scene, "body", b, "shape", "needs a &mesh, whose elements are filled; this scene has a &grid")
+    if (word_of(scene, "body", b, "operation") == "subtract") &
+      call note_key(mistakes, scene, "body", b, "operation", "elements can only be added")
+    if (.not. usable(scene, "body", b, "particles_per_axis")) return
+    allocate (parts, source=integers_of(scene, "body", b, "particles_per_axis"))
+    if (any(parts /= parts(1))) &
+      call note_key(mistakes, scene, "body", b, "particles_per_axis", "elements are cut equally along all their edges; one number is wanted")
+  end subroutine check_elements
 
   !> Cutting planes: as many points as normals, and no normal of length zero
   pure subroutine check_cuts(scene, b, mistakes)
@@ -403,6 +427,12 @@ contains
     periodic = .false.
     do b = 1, count_groups(scene, "boundary")
       call check_table(scene, "boundary", b, mistakes)
+    end do
+    if (count_groups(scene, "mesh") > 0) then
+      call check_mesh_sides(scene, mistakes)
+      return
+    end if
+    do b = 1, count_groups(scene, "boundary")
       if (.not. usable(scene, "boundary", b, "side") .or. scene%dimension == 0) cycle
       call side_range(scene, "boundary", b, "side", first, last, mistakes)
       do s = first, last
@@ -455,10 +485,15 @@ contains
     integer :: k, found, first, last
     do k = 1, count_groups(scene, "load")
       call check_table(scene, "load", k, mistakes)
+      if (usable(scene, "load", k, "side") .and. count_groups(scene, "mesh") == 0) &
+        call note_key(mistakes, scene, "load", k, "side", "names sides of a &mesh; with a &grid give body and face")
       call look_up(scene, "load", k, "body", "body", found, mistakes)
       if (found > 0) then
         if (word_of(scene, "body", found, "operation") == "subtract") &
           call note_key(mistakes, scene, "load", k, "body", "this body is subtracted and has no particles")
+        if (word_of(scene, "body", found, "shape") == "elements" .and. usable(scene, "load", k, "face")) &
+          call note_key(mistakes, scene, "load", k, "face", "this body is filled from elements, not on a lattice that has faces; name sides of "// &
+                        "the mesh with side in place of body and face")
       end if
       if (scene%dimension > 0 .and. usable(scene, "load", k, "face")) &
         call side_range(scene, "load", k, "face", first, last, mistakes)

@@ -118,6 +118,8 @@ contains
       may_change = .true.
     case ("scene")
       may_change = key == "title"
+    case ("mesh")
+      may_change = key == "file" ! its content is compared
     case ("time")
       may_change = key == "max_steps" ! `end` depends on the rule of steps
     case ("output")

@@ -83,7 +83,9 @@ contains
     text = "  "//padded(trim(key%name), 21)//" "//kind_words(key)
     if (key%unit /= "") text = text//" ["//trim(key%unit)//"]"
     if (key%range /= "") text = text//", "//range_words(trim(key%range))
-    if (key%required) then
+    if (key%required .and. key%unless /= "") then
+      text = text//", required without "//trim(key%unless)
+    else if (key%required) then
       text = text//", required"
     else
       text = text//", default "//default_words(key)
@@ -130,7 +132,9 @@ contains
     row = "| `"//trim(key%name)//"` | "//kind_words(key)
     if (key%range /= "") row = row//", "//range_words(trim(key%range))
     row = row//" | "//trim(key%unit)//" | "
-    if (key%required) then
+    if (key%required .and. key%unless /= "") then
+      row = row//"required without `"//trim(key%unless)//"` | "
+    else if (key%required) then
       row = row//"required | "
     else
       row = row//default_words(key)//" | "

@@ -46,6 +46,7 @@ module gimp_scene_keys
     character(len=112) :: when = "" !! "key=word|word key=word": read only if all hold; empty: always
     character(len=32) :: needed_when = "" !! if given: required only where this holds too
     character(len=24) :: unless = "" !! a key that takes the place of this one: only one of the two may be given
+    character(len=12) :: names_with = "" !! with this group in the scene any name will do in place of the words
     character(len=160) :: purpose = ""
   end type key_t
 
@@ -67,16 +68,16 @@ contains
     type(group_t), allocatable, intent(out) :: groups(:)
     allocate (groups(15))
     groups(1) = group_t("scene", 1, 1, .false., "what the scene is called and its dimension")
-    groups(2) = group_t("grid", 1, 1, .false., "the box of the background grid and its spacing")
-    groups(3) = group_t("material", 1, 0, .false., "a material that bodies name; one group each")
-    groups(4) = group_t("body", 1, 0, .false., "a region filled with particles, or one carved from the bodies above it")
-    groups(5) = group_t("boundary", 0, 0, .false., "what happens on a side of the box; a side without one is free")
-    groups(6) = group_t("load", 0, 0, .false., "gravity, traction, pressure or a point force; one group each")
-    groups(7) = group_t("method", 0, 1, .false., "basis, transfer, order of the step, damping")
-    groups(8) = group_t("time", 1, 1, .false., "end of the run and how the step is chosen")
-    groups(9) = group_t("output", 0, 1, .false., "name of the output file, frames, history, probes")
-    groups(10) = group_t("verification", 0, 1, .false., "an exact solution: it gives start, body force and error norms")
-    groups(11) = group_t("mesh", 0, 1, .true., "an unstructured mesh in place of the grid")
+    groups(2) = group_t("grid", 0, 1, .false., "the box of the background grid and its spacing; a scene has this group or &mesh")
+    groups(3) = group_t("mesh", 0, 1, .false., "an unstructured mesh of a file in place of the grid")
+    groups(4) = group_t("material", 1, 0, .false., "a material that bodies name; one group each")
+    groups(5) = group_t("body", 1, 0, .false., "a region filled with particles, or one carved from the bodies above it")
+    groups(6) = group_t("boundary", 0, 0, .false., "what happens on a side of the box or the mesh; a side without one is free")
+    groups(7) = group_t("load", 0, 0, .false., "gravity, traction, pressure or a point force; one group each")
+    groups(8) = group_t("method", 0, 1, .false., "basis, transfer, order of the step, damping")
+    groups(9) = group_t("time", 1, 1, .false., "end of the run and how the step is chosen")
+    groups(10) = group_t("output", 0, 1, .false., "name of the output file, frames, history, probes")
+    groups(11) = group_t("verification", 0, 1, .false., "an exact solution: it gives start, body force and error norms")
     groups(12) = group_t("contact", 0, 0, .true., "contact between bodies")
     groups(13) = group_t("restart", 0, 1, .false., "when checkpoints are written, the one to go on from, and the wall-clock limit")
     groups(14) = group_t("parallel", 0, 1, .false., "how many threads work, and how ranks share the work; results do not depend on it")
@@ -107,13 +108,13 @@ contains
 
   !> Add a row to the table
   pure subroutine add(table, n, group, name, kind, purpose, count, most, unit, default, empty_default, range, words, &
-                      planned, required, when, needed_when, unless)
+                      planned, required, when, needed_when, unless, names_with)
     type(key_t), intent(inout) :: table(:)
     integer, intent(inout) :: n
     character(len=*), intent(in) :: group, name, purpose
     integer, intent(in) :: kind
     integer, intent(in), optional :: count, most
-    character(len=*), intent(in), optional :: unit, default, range, words, planned, when, needed_when, unless
+    character(len=*), intent(in), optional :: unit, default, range, words, planned, when, needed_when, unless, names_with
     logical, intent(in), optional :: empty_default, required
     n = n + 1
     table(n)%group = group
@@ -133,9 +134,10 @@ contains
     if (present(when)) table(n)%when = when
     if (present(needed_when)) table(n)%needed_when = needed_when
     if (present(unless)) table(n)%unless = unless
+    if (present(names_with)) table(n)%names_with = names_with
   end subroutine add
 
-  !> &scene and &grid
+  !> &scene, &grid and &mesh
   pure subroutine scene_keys(t, n)
     type(key_t), intent(inout) :: t(:)
     integer, intent(inout) :: n
@@ -148,6 +150,12 @@ contains
              required=.true.)
     call add(t, n, "grid", "spacing", kind_real, "edge of a cell; the box must hold a whole number of cells on every axis", &
              unit="m", range="(0,)", required=.true.)
+    call add(t, n, "mesh", "file", kind_text, "mesh file of this project (preprocessing/ makes one of what Gmsh and others write)", &
+             required=.true.)
+    call add(t, n, "mesh", "reference_length", kind_real, "takes the place of the spacing of a grid where a length is in cells: "// &
+             "lattices of particles, limits of domains", unit="m", range="(0,)", default="(mean size of the elements)")
+    call add(t, n, "mesh", "search_rule", kind_word, "in which order neighbours are asked for a particle that left its element: by the "// &
+             "angle to its velocity, or by the signs of its components", words="velocity component", default="velocity")
   end subroutine scene_keys
 
   pure subroutine material_keys(t, n)
@@ -188,13 +196,13 @@ contains
     type(key_t), intent(inout) :: t(:)
     integer, intent(inout) :: n
     character(len=*), parameter :: g = "body"
-    character(len=*), parameter :: filled = "operation=add shape=box|sphere|cylinder|ring|polygon"
-    character(len=*), parameter :: resting = filled//" initial=rest"
+    character(len=*), parameter :: shapes = "box|sphere|cylinder|ring|polygon", shaped = "operation=add shape="//shapes
+    character(len=*), parameter :: filled = shaped//"|elements", resting = filled//" initial=rest"
     call add(t, n, g, "name", kind_text, "what loads call it; unique", most=word_most, required=.true.)
     call add(t, n, g, "material", kind_text, "name of a &material; a body that is subtracted needs none", most=word_most, &
              required=.true., needed_when="operation=add")
     call add(t, n, g, "shape", kind_word, "form of the region", required=.true., &
-             words="box sphere cylinder ring polygon file")
+             words="box sphere cylinder ring polygon elements file")
     call add(t, n, g, "operation", kind_word, "add: takes the points that no body above has taken; subtract: removes its "// &
              "region from all bodies above it", words="add subtract", default="add")
     call add(t, n, g, "lower", kind_real, "lower corner", count_axis, unit="m", required=.true., when="shape=box")
@@ -216,17 +224,21 @@ contains
     call add(t, n, g, "points", kind_real, "corners x1,y1, x2,y2, ... in order around the polygon (2D), not crossing itself", &
              count_points, most=400, unit="m", required=.true., when="shape=polygon")
     call add(t, n, g, "cut_point", kind_real, "a point on each of up to four cutting planes", count_points, most=-4, &
-             unit="m", when="shape=box|sphere|cylinder|ring|polygon", default="(no cut)")
+             unit="m", when="shape="//shapes, default="(no cut)")
     call add(t, n, g, "cut_normal", kind_real, "normal of each cutting plane; the side it points to is removed", &
-             count_points, most=-4, when="shape=box|sphere|cylinder|ring|polygon", default="(no cut)")
+             count_points, most=-4, when="shape="//shapes, default="(no cut)")
+    call add(t, n, g, "group", kind_text, "group of elements of the mesh; empty: all its elements", most=word_most, &
+             empty_default=.true., when="shape=elements")
     call add(t, n, g, "fill", kind_word, "where particles are put: a lattice along the axes, or rings (ring and sphere in 2D)", &
-             words="cartesian polar", default="cartesian", when=filled)
-    call add(t, n, g, "particles_per_axis", kind_integer, "particles per cell and axis", count_one_or_axis, range="[1,16]", &
+             words="cartesian polar", default="cartesian", when=shaped)
+    call add(t, n, g, "particles_per_axis", kind_integer, "particles per cell and axis; with elements n: an edge is cut into n parts, "// &
+             "an element into n, n*n or n*n*n like it", count_one_or_axis, range="[1,16]", &
              default="2", when=filled//" fill=cartesian")
     call add(t, n, g, "radial_particles", kind_integer, "particles from the inner to the outer radius", range="[1,)", &
-             required=.true., when=filled//" fill=polar")
+             required=.true., &
+             when=shaped//" fill=polar")
     call add(t, n, g, "angular_particles", kind_integer, "particles around the circle", range="[3,)", required=.true., &
-             when=filled//" fill=polar")
+             when=shaped//" fill=polar")
     call add(t, n, g, "initial", kind_word, "rest: the keys below; verification: velocity, F and position from "// &
              "&verification", words="rest verification", default="rest", when=filled)
     call add(t, n, g, "velocity", kind_real, "initial velocity", count_axis, unit="m/s", default="0", when=resting)
@@ -246,8 +258,9 @@ contains
     type(key_t), intent(inout) :: t(:)
     integer, intent(inout) :: n
     character(len=*), parameter :: g = "boundary"
-    call add(t, n, g, "side", kind_word, "side of the box; a side has one condition", words=sides, required=.true.)
-    call add(t, n, g, "condition", kind_word, "what the side does; periodic needs both sides of an axis", required=.true., &
+    call add(t, n, g, "side", kind_word, "side of the box, or a name of sides that the mesh has; a side has one condition", &
+             words=sides, names_with="mesh", required=.true.)
+    call add(t, n, g, "condition", kind_word, "what the side does; periodic needs both sides of an axis (not on a mesh)", required=.true., &
              words="stick slip symmetry periodic velocity free")
     call add(t, n, g, "velocity", kind_real, "velocity of the nodes of the side", count_axis, unit="m/s", required=.true., &
              when="condition=velocity")
@@ -255,7 +268,7 @@ contains
              most=100, unit="s", when="condition=velocity", default="(factor 1)")
     call add(t, n, g, "factors", kind_real, "factor on velocity at each of times", count_list, most=100, &
              when="condition=velocity", default="(factor 1)")
-    call add(t, n, g, "leaving", kind_word, "a particle that leaves the box: the run fails, or it is removed and counted", &
+    call add(t, n, g, "leaving", kind_word, "a particle that leaves there: the run fails, or it is removed and counted", &
              words="error remove", default="error", when="condition=free")
   end subroutine boundary_keys
 
@@ -265,7 +278,7 @@ contains
     character(len=*), parameter :: g = "load"
     call add(t, n, g, "kind", kind_word, "what kind of load", words="gravity traction pressure point_force", required=.true.)
     call add(t, n, g, "body", kind_text, "name of the &body it acts on", most=word_most, required=.true., &
-             when="kind=traction|pressure|point_force")
+             when="kind=traction|pressure|point_force", unless="side")
     call add(t, n, g, "acceleration", kind_real, "acceleration of all bodies", count_axis, unit="m/s2", required=.true., &
              when="kind=gravity")
     call add(t, n, g, "traction", kind_real, "force per area of the deformed face, direction kept", count_axis, unit="Pa", &
@@ -273,7 +286,9 @@ contains
     call add(t, n, g, "pressure", kind_real, "pressure, positive pushes inwards", unit="Pa", required=.true., &
              when="kind=pressure")
     call add(t, n, g, "face", kind_word, "faces of the body's fill lattice with that outward normal and no neighbour", &
-             words=sides, required=.true., when="kind=traction|pressure")
+             words=sides, required=.true., when="kind=traction|pressure", unless="side")
+    call add(t, n, g, "side", kind_text, "sides of the mesh that it acts on, in place of body and face", most=word_most, &
+             when="kind=traction|pressure", default="(body and face)")
     call add(t, n, g, "force", kind_real, "force", count_axis, unit="N", required=.true., when="kind=point_force")
     call add(t, n, g, "point", kind_real, "the force acts on the particle of the body that starts nearest to it", count_axis, &
              unit="m", required=.true., when="kind=point_force")

@@ -7,7 +7,7 @@ module gimp_scene_rules
   use gimp_scene_values, only: parse_real, parse_integer, parse_logical, in_range, range_words, quoted_text
   use gimp_scene_text, only: entry_t, shown_values
   use gimp_scene_store, only: scene_t, count_groups, find_entry, find_key, find_group, is_read, is_given, &
-                              note_key, note_group, count_wanted, conditions_hold, chosen
+                              note_key, note_group, count_wanted, conditions_hold, chosen, takes_names
   implicit none(type, external)
   private
   public :: check_rules, wanted_words
@@ -136,7 +136,11 @@ contains
     integer :: i, j
     what = ""
     do i = 1, entry%n
-      what = item_fault(key, trim(entry%item(i)), entry%length(i), entry%quoted(i))
+      if (takes_names(scene, key)) then
+        what = text_fault(trim(entry%item(i)), entry%length(i), entry%quoted(i), word_most, .false.)
+      else
+        what = item_fault(key, trim(entry%item(i)), entry%length(i), entry%quoted(i))
+      end if
       if (what /= "") return
       if (key%kind /= kind_word) cycle
       do j = 1, i - 1
@@ -175,13 +179,7 @@ contains
     case (kind_word)
       what = word_fault(key, item, quoted)
     case (kind_text)
-      if (.not. quoted) then
-        what = quote_advice(item)
-      else if (length > key%most) then
-        what = "has "//text_of(length)//" characters; at most "//text_of(key%most)//" are taken"
-      else if (item == "" .and. .not. key%empty_default) then
-        what = "must not be empty"
-      end if
+      what = text_fault(item, length, quoted, key%most, key%empty_default)
     end select
     if (what /= "" .or. (key%kind /= kind_real .and. key%kind /= kind_integer)) return
     if (in_range(number, trim(key%range))) return
@@ -189,6 +187,23 @@ contains
     if (index(range_words(trim(key%range)), "between") == 1) what = "must lie "//range_words(trim(key%range))
     if (key%unit /= "") what = what//" "//trim(key%unit)
   end function item_fault
+
+  !> What is wrong with a text or a name
+  pure function text_fault(item, length, quoted, most, may_be_empty) result(what)
+    character(len=*), intent(in) :: item
+    integer, intent(in) :: length !! characters as written
+    logical, intent(in) :: quoted, may_be_empty
+    integer, intent(in) :: most !! characters that are taken
+    character(len=:), allocatable :: what
+    what = ""
+    if (.not. quoted) then
+      what = quote_advice(item)
+    else if (length > most) then
+      what = "has "//text_of(length)//" characters; at most "//text_of(most)//" are taken"
+    else if (item == "" .and. .not. may_be_empty) then
+      what = "must not be empty"
+    end if
+  end function text_fault
 
   !> What is wrong with a word
   pure function word_fault(key, item, quoted) result(what)
@@ -303,8 +318,15 @@ contains
           call note_key(mistakes, scene, group, which, name, "cannot stand together with "//trim(scene%key(k)%unless)// &
                         "; give one of the two")
       else if (scene%key(k)%required .and. is_read(scene, which, k)) then
-        if (conditions_hold(scene, group, which, scene%key(k)%needed_when)) &
+        if (scene%key(k)%unless /= "") then
+          if (is_given(scene, group, which, trim(scene%key(k)%unless))) cycle
+        end if
+        if (.not. conditions_hold(scene, group, which, scene%key(k)%needed_when)) cycle
+        if (takes_names(scene, scene%key(k))) then
+          call note_group(mistakes, scene, group, which, name//" is not set; a name in quotes is wanted")
+        else
           call note_group(mistakes, scene, group, which, name//" is not set; "//wanted_words(scene%key(k))//" is wanted")
+        end if
       end if
     end do
   end subroutine check_choices

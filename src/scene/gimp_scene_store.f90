@@ -15,7 +15,7 @@ module gimp_scene_store
   private
   public :: scene_t, count_groups, is_given, line_of, complain, note_key, note_group
   public :: real_of, reals_of, integer_of, integers_of, logical_of, word_of, text_of_key, texts_of
-  public :: index_blocks, find_block, find_entry, find_key, find_group, is_read, has_value, count_wanted, default_of, conditions_hold, chosen
+  public :: index_blocks, find_block, find_entry, find_key, find_group, is_read, has_value, usable, takes_names, count_wanted, default_of, conditions_hold, chosen
 
   !> All that the author of a scene wrote
   type :: scene_t
@@ -214,7 +214,7 @@ contains
     if (size(items) > 0) text = trim(items(1))
   end function text_of_key
 
-  !> All words of a key, in lower case, or all its texts
+  !> All words of a key, in lower case, or all its texts and names
   pure function texts_of(scene, group, which, key) result(texts)
     type(scene_t), intent(in) :: scene
     character(len=*), intent(in) :: group, key
@@ -226,9 +226,18 @@ contains
     allocate (texts(size(items)))
     do k = 1, size(items)
       texts(k) = items(k)(:64)
-      if (scene%key(find_key(scene, group, key))%kind == kind_word) texts(k) = lower(texts(k))
+      if (scene%key(known_key(scene, group, key))%kind /= kind_word) cycle
+      if (.not. takes_names(scene, scene%key(known_key(scene, group, key)))) texts(k) = lower(texts(k))
     end do
   end function texts_of
+
+  !> Whether a key of words takes any name in this scene
+  pure logical function takes_names(scene, key)
+    type(scene_t), intent(in) :: scene
+    type(key_t), intent(in) :: key
+    takes_names = key%names_with /= ""
+    if (takes_names) takes_names = count_groups(scene, trim(key%names_with)) > 0
+  end function takes_names
 
   !> Add a message about a key to an error: line, group, key, value and what would be right
   pure subroutine complain(error, scene, group, which, key, what)
@@ -408,6 +417,15 @@ contains
       has_value = scene%key(k)%empty_default .or. default_of(scene, which, k) /= ""
     end if
   end function has_value
+
+  !> Whether a key can be worked with: read by the choices made, and written soundly or with a default
+  pure logical function usable(scene, group, which, key)
+    type(scene_t), intent(in) :: scene
+    character(len=*), intent(in) :: group, key
+    integer, intent(in) :: which
+    usable = is_read(scene, which, find_key(scene, group, key))
+    if (usable) usable = has_value(scene, group, which, key)
+  end function usable
 
   !> Row of a group in the table; the program stops if it is not there
   pure integer function known_group(scene, group) result(g)

@@ -7,12 +7,14 @@ many messages as it expects, so that one slip never draws a tail of others.
 import os
 import re
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "preprocessing"))
 SCENES = sorted((ROOT / "tests" / "bad_inputs").glob("*.nml"))
 
 
@@ -32,8 +34,26 @@ def write_particles(path, **datasets):
             file[name] = values
 
 
+def write_meshes(folder):
+    """A square of quads that are all of one group, one of triangles, a disk, and a cube"""
+    pytest.importorskip("h5py")
+    import mesh_makers
+    from mesh_files import write_mesh
+    axis = [0.0, 0.25, 0.5, 0.75, 1.0]
+    square = mesh_makers.block("quad4", [axis, axis])
+    square.element_groups, square.groups = ["soil"], {"quad4": square.groups["quad4"] + 1}
+    write_mesh(folder / "mesh.h5", square)
+    write_mesh(folder / "triangles.h5", mesh_makers.block("triangle3", [axis, axis]))
+    write_mesh(folder / "disk.h5", mesh_makers.disk([0.5, 0.5], 0.4, 4))
+    write_mesh(folder / "solid.h5", mesh_makers.block("hexahedron8", [axis]*3))
+
+
 def prepare(name, folder):
     """What some scenes need to find in the working directory"""
+    if name.startswith("mesh_"):
+        write_meshes(folder)
+    if name == "mesh_file_foreign":
+        (folder / "letter.txt").write_text("this is no mesh")
     if name == "output_exists":
         (folder / "taken.vtkhdf").write_text("a run of yesterday")
     elif name == "default_output_exists":
@@ -44,7 +64,7 @@ def prepare(name, folder):
         (folder / "letter.txt").write_text("this is no checkpoint")
     elif name == "particle_file_without_mass":
         write_particles(folder / "particles.h5", position=[[0.5, 0.5]], volume=[0.01])
-    elif name == "particle_of_file_outside":
+    elif name.endswith("particle_of_file_outside"):
         write_particles(folder / "particles.h5", position=[[0.5, 0.5], [0.5, 1.5]], volume=[0.01]*2, mass=[10.0]*2)
     elif name == "particle_of_file_inverted":
         write_particles(folder / "particles.h5", position=[[0.5, 0.5]], volume=[0.01], mass=[10.0],

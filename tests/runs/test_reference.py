@@ -34,7 +34,7 @@ def test_help_names_every_argument_and_exit_code(gimp_x):
 
 def test_every_group_of_the_reference_has_its_help(gimp_x):
     groups = [line[5:-1] for line in REFERENCE.read_text().splitlines() if line.startswith("## `&")]
-    assert len(groups) == 12
+    assert len(groups) == 13
     for group in groups:
         code, text, _ = say(gimp_x, "--help", group)
         assert code == 0 and text.startswith(f"&{group} (")

@@ -34,6 +34,11 @@ program test_scene_echo
                   '&body name = "rod" material = "soil" shape = "cylinder" axis = "x" center = 3*0.5 radius = 0.1 '// &
                   'axis_lower = 0.1 axis_upper = 0.9 /'//nl//'&boundary side = "z_low" condition = "velocity" '// &
                   'velocity = 0, 0, 1 times = 0, 1 factors = 0, 1 /', "3D")
+  call round_trip('&scene dimension = 2 / &mesh file = "/dev/null" search_rule = "component" / &time end = 1 /'//nl// &
+                  '&material name = "sand" model = "neo_hookean" density = 1 young_modulus = 1 poisson_ratio = 0 /'//nl// &
+                  '&body name = "one" material = "sand" shape = "elements" group = "Soil, wet" particles_per_axis = 3 /'//nl// &
+                  '&boundary side = "Inner wall" condition = "slip" / &boundary side = "outer" condition = "free" leaving = "remove" /'//nl// &
+                  '&load kind = "pressure" side = "Inner wall" pressure = 1e5 / &method basis = "cpdi" /', "on a mesh")
   call test_long_list()
   call test_what_is_echoed()
   call end_suite()
@@ -56,6 +61,8 @@ contains
     call check(second, first, "echoed again, "//what)
     do k = 1, size(scene%group)
       if (count_groups(scene, trim(scene%group(k)%name)) == 0) cycle
+      if (scene%group(k)%name == "boundary" .and. count_groups(scene, "mesh") > 0) &
+        call check(text_of_key(again, "boundary", 1, "side"), "Inner wall", "names of sides keep their letters")
       call check(count_groups(again, trim(scene%group(k)%name)), count_groups(scene, trim(scene%group(k)%name)), &
                  "number of &"//trim(scene%group(k)%name)//", "//what)
     end do
