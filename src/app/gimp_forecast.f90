@@ -11,6 +11,7 @@ module gimp_forecast
   use gimp_engine, only: engine_t, pad_bytes
   use gimp_scene, only: scene_t, count_groups, real_of, integer_of, word_of, texts_of, reals_of, is_given
   use gimp_snapshot, only: field_components
+  use gimp_mesh_report, only: mesh_bytes, pad_bytes_of_patch
   use gimp_run_state, only: stepper_t, stepper_bytes
   use gimp_stepper, only: plan_step, take_step
   use gimp_report, only: estimated_steps, usual_step, share_done
@@ -83,14 +84,17 @@ contains
     integer, parameter :: numbers(4) = [4, 16, 64, 256]
     character(len=:), allocatable :: words
     real(dp) :: own, around
+    integer(i8) :: pad
     integer :: k, d
     d = s%engine%grid%dim
     words = ""
+    pad = pad_bytes(d, s%engine%basis, 1)
+    if (s%engine%grid%is_mesh) pad = pad_bytes_of_patch(s%engine)
     do k = 1, size(numbers)
       own = real(s%engine%table%blocks, dp)/numbers(k)
       if (own < 2.0_dp) exit ! a rank needs some blocks to be worth it
       around = (own**(1.0_dp/d) + 2.0_dp)**d - own
-      words = words//", "//short_number(real(stepper_bytes(s), dp)/numbers(k) + around*pad_bytes(d, s%engine%basis, 1))//"B each on " &
+      words = words//", "//short_number(real(stepper_bytes(s), dp)/numbers(k) + around*pad + mesh_bytes(s%engine))//"B each on " &
               //text_of(numbers(k))
     end do
     if (words /= "") write (output_unit, "(a)") "  on ranks   about "//words(3:)

@@ -3,10 +3,9 @@ module gimp_populate
   use gimp_kinds, only: wp, dp, i8, lanes
   use gimp_error, only: error_t, raise
   use gimp_text, only: text_of
-  use gimp_shapes, only: shape_none, shape_center
   use gimp_over_ranks, only: share_error, any_rank, largest_count, largest_reals, share_reals
   use gimp_ranks, only: this_rank
-  use gimp_fill, only: fill_t, fill_body_t
+  use gimp_fill, only: fill_t
   use gimp_particle_file, only: particle_table_t
   use gimp_particles, only: allot_chunks, clear_chunks, group_t
   use gimp_basis, only: basis_ugimp, longest_half, is_sampled
@@ -20,8 +19,10 @@ module gimp_populate
   use gimp_loads, only: load_point
   use gimp_start_corners, only: box_at, store_corners, deform_corners, exact_corners, settle_corners, corners_in_cells
   use gimp_scene, only: scene_t, count_groups, is_given, reals_of, word_of, text_of_key
+  use gimp_setup_sides, only: is_on_particles
   use gimp_setup, only: body_named
-  use gimp_population, only: population_t, describe_body, determinant_of
+  use gimp_population, only: population_t, determinant_of
+  use gimp_start_elements, only: find_start_elements
   implicit none(type, external)
   private
   public :: populate
@@ -64,6 +65,8 @@ contains
     end do
     s%engine%particles%n = sum(population%here)
     s%engine%particles%n_all = population%n
+    if (s%engine%grid%is_mesh) call find_start_elements(scene, s%engine, population, error)
+    if (allocated(error)) return
     population%fill = fill_t()
     deallocate (population%table)
     if (s%engine%basis == basis_ugimp) call check_extent(s, error)
@@ -245,7 +248,6 @@ contains
     type(verification_t), intent(in) :: solution
     type(population_t), intent(in) :: population
     integer, intent(in) :: b
-    type(fill_body_t) :: body
     real(dp) :: velocity(3), spin(3), center(3), gradient(3, 3), x(3), f(9)
     real(dp), allocatable :: given(:)
     integer(i8) :: marks, faces
@@ -254,11 +256,10 @@ contains
     logical :: exact, has_f
     d = scene%dimension
     exact = word_of(scene, "body", b, "initial") == "verification"
-    call describe_body(scene, b, body)
     velocity = 0.0_dp
     spin = 0.0_dp
     gradient = 0.0_dp
-    center = 0.0_dp
+    center = population%center(:, b)
     has_f = is_given(scene, "body", b, "deformation_gradient")
     if (is_given(scene, "body", b, "velocity")) velocity(:d) = reals_of(scene, "body", b, "velocity")
     if (is_given(scene, "body", b, "angular_velocity")) then
@@ -270,11 +271,7 @@ contains
       gradient(:d, :d) = transpose(reshape(reals_of(scene, "body", b, "velocity_gradient"), [d, d]))
     end if
     gradient = gradient + reshape([0.0_dp, spin(3), -spin(2), -spin(3), 0.0_dp, spin(1), spin(2), -spin(1), 0.0_dp], [3, 3])
-    if (is_given(scene, "body", b, "rotation_center")) then
-      center(:d) = reals_of(scene, "body", b, "rotation_center")
-    else if (body%shape%kind /= shape_none) then
-      center = shape_center(body%shape, d)
-    end if
+    if (is_given(scene, "body", b, "rotation_center")) center(:d) = reals_of(scene, "body", b, "rotation_center")
     if (has_f) f(:d*d) = reals_of(scene, "body", b, "deformation_gradient")
     loaded = [(faces_of_load(scene, s, k, b), k=1, size(s%loads%load))] ! here: what reads the scene is not for several threads at once
 
@@ -320,8 +317,8 @@ contains
     faces = 0
     if (s%loads%load(k)%kind == load_point) return
     n = 0
-    do group = 1, count_groups(scene, "load") ! the k-th load that is not gravity
-      if (word_of(scene, "load", group, "kind") /= "gravity") n = n + 1
+    do group = 1, count_groups(scene, "load") ! the k-th load on particles
+      if (is_on_particles(scene, group)) n = n + 1
       if (n == k) exit
     end do
     if (body_named(scene, text_of_key(scene, "load", group, "body")) /= b) return

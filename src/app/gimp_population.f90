@@ -6,25 +6,29 @@ module gimp_population
   use gimp_kinds, only: wp, dp, i8
   use gimp_error, only: error_t, add_error, raise
   use gimp_text, only: text_of
-  use gimp_shapes, only: shape_none, shape_box, shape_sphere, shape_cylinder, shape_ring, shape_polygon
+  use gimp_shapes, only: shape_none, shape_box, shape_sphere, shape_cylinder, shape_ring, shape_polygon, shape_region, &
+    shape_center
   use gimp_shares, only: share_t
   use gimp_ranks, only: this_rank, ranks, sum_words, words_before
   use gimp_over_ranks, only: share_error
   use gimp_fill, only: fill_t, fill_body_t, count_share, check_counts, fill_share
   use gimp_particle_file, only: particle_table_t, read_particle_file
-  use gimp_corner_domains, only: carried_none, carried_simplex
+  use gimp_corner_domains, only: carried_none, carried_box, carried_simplex
   use gimp_run_state, only: stepper_t
+  use gimp_element_region, only: element_region_t, make_element_region, kind_is_simplex
   use gimp_start_corners, only: table_corner_fault
+  use gimp_setup_sides, only: place_of, name_advice
   use gimp_scene, only: scene_t, count_groups, is_given, real_of, reals_of, integers_of, integer_of, word_of, text_of_key, &
     complain
   implicit none(type, external)
   private
-  public :: population_t, count_particles, describe_body, determinant_of
+  public :: population_t, count_particles, determinant_of
 
   !> Where the particles of each body come from
   type :: population_t
     type(fill_t) :: fill !! bodies with a shape
     type(particle_table_t), allocatable :: table(:) !! (body) bodies from a file
+    real(dp), allocatable :: center(:, :) !! (3, body) of its shape [m]
     integer(i8), allocatable :: first(:), count(:) !! (body) numbers of its particles, on all ranks
     integer(i8), allocatable :: from(:), here(:) !! (body) the same of those that this rank makes
     integer(i8) :: n = 0 !! particles of all ranks
@@ -35,10 +39,11 @@ contains
   !> Fill the shapes and read the files; afterwards the number of particles is known. Collective
   subroutine count_particles(scene, s, population, error)
     type(scene_t), intent(in) :: scene
-    type(stepper_t), intent(in) :: s
+    type(stepper_t), intent(in), target :: s
     type(population_t), intent(out) :: population
     type(error_t), allocatable, intent(out) :: error
     type(fill_body_t), allocatable :: bodies(:)
+    type(element_region_t), allocatable, target :: region(:)
     type(error_t), allocatable :: problem
     type(share_t) :: mine
     integer(i8), allocatable :: count(:)
@@ -46,16 +51,20 @@ contains
     integer :: b
     mine = share_t(this_rank, ranks)
     allocate (bodies(count_groups(scene, "body")), population%table(count_groups(scene, "body")))
+    allocate (region(size(bodies)), population%center(3, size(bodies)))
     do b = 1, size(bodies)
       call describe_body(scene, b, bodies(b))
+      if (bodies(b)%shape%kind == shape_region) call describe_region(scene, s, b, bodies(b), region(b), error)
+      population%center(:, b) = shape_center(bodies(b)%shape, scene%dimension)
     end do
+    if (allocated(error)) return
     bodies%corners = s%engine%rule%carried /= carried_none
     bodies%simplices = s%engine%rule%carried == carried_simplex
     associate (grid => s%engine%grid)
       call count_share(grid%dim, grid%lower, grid%spacing, grid%cells, bodies, mine, population%fill, outside, problem)
       if (.not. allocated(problem)) then
         call join_counts(population%fill%count, outside, count)
-        call check_counts(grid%dim, grid%lower, grid%spacing, grid%cells, bodies, count, outside, problem)
+        call check_counts(grid%dim, grid%lower, grid%spacing, grid%cells, grid%is_mesh, bodies, count, outside, problem)
       end if
     end associate
     if (allocated(problem)) call tell_fill(scene, bodies, problem%message, error)
@@ -157,7 +166,7 @@ contains
     integer :: k
     do i = 1, table%n
       this = "particle "//text_of(table%first + i - 1)
-      do k = 1, scene%dimension
+      do k = 1, merge(0, scene%dimension, s%engine%grid%is_mesh) ! a mesh says itself what is outside
         x = (table%position(k, i) - s%engine%grid%lower(k))/s%engine%grid%spacing
         if (x >= 0.0_dp .and. x <= s%engine%grid%cells(k)) cycle
         call raise(error, this//" lies outside the box of &grid")
@@ -222,6 +231,8 @@ contains
         shape%kind = shape_polygon
         points = reals_of(scene, "body", b, "points")
         shape%vertices = reshape(points, [2, size(points)/2])
+      case ("elements")
+        shape%kind = shape_region
       case default
         shape%kind = shape_none
         return
@@ -249,6 +260,34 @@ contains
     if (is_given(scene, "body", b, "radial_particles")) body%radial_particles = integer_of(scene, "body", b, "radial_particles")
     if (is_given(scene, "body", b, "angular_particles")) body%angular_particles = integer_of(scene, "body", b, "angular_particles")
   end subroutine describe_body
+
+  !> The elements that a body is filled from
+  subroutine describe_region(scene, s, b, body, region, error)
+    type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(in), target :: s
+    integer, intent(in) :: b
+    type(fill_body_t), intent(inout) :: body
+    type(element_region_t), intent(inout), target :: region
+    type(error_t), allocatable, intent(inout) :: error
+    character(len=:), allocatable :: name
+    integer :: group
+    associate (mesh => s%engine%mesh)
+      name = text_of_key(scene, "body", b, "group")
+      group = 0
+      if (name /= "") then
+        group = place_of(name, mesh%element_group_name)
+        if (group == 0) call complain(error, scene, "body", b, "group", "the mesh has no group of elements of this name; " &
+                                      //name_advice(name, mesh%element_group_name))
+      end if
+      if (allocated(error)) return
+      if (s%engine%rule%carried == carried_box .and. any(kind_is_simplex(mesh%kind) .and. (group == 0 .or. mesh%element_group == group))) &
+        call complain(error, scene, "body", b, "shape", "these elements hold triangles or tetrahedra, which make no boxes; set " &
+                      //"particle_domain = 'simplex' in &method, which cuts the others too")
+      call make_element_region(mesh, s%engine%locator, s%engine%grid%lower, s%engine%grid%spacing, group, body%particles_per_axis(1), &
+                               s%engine%rule%carried == carried_simplex, region, body%shape%lower, body%shape%upper)
+    end associate
+    body%shape%region => region
+  end subroutine describe_region
 
   pure real(dp) function determinant_of(d, f) result(j)
     integer, intent(in) :: d

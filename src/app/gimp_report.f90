@@ -11,6 +11,7 @@ module gimp_report
   use gimp_engine, only: least_spacing, engine_bytes
   use gimp_particles, only: live_bytes, field_t
   use gimp_summary, only: put_summary
+  use gimp_mesh_report, only: tell_mesh, mesh_bytes, search_words, write_mesh_summary, particles_put_back, points_beyond
   use gimp_ranks_report, only: together_t, together_words, write_together
   use gimp_checkpoint, only: newest_path
   use gimp_verification, only: error_scale, error_scale_text, solution_name
@@ -94,8 +95,8 @@ contains
     type(whole_t), intent(out) :: whole
     whole%particles = sum_counts(s%engine%particles%n)
     whole%blocks = sum_counts(int(s%engine%table%blocks, i8))
-    whole%bytes = sum_counts(stepper_bytes(s))
-    whole%most_bytes = largest_count(stepper_bytes(s))
+    whole%bytes = sum_counts(stepper_bytes(s) + mesh_bytes(s%engine))
+    whole%most_bytes = largest_count(stepper_bytes(s) + mesh_bytes(s%engine))
   end subroutine measure_whole
 
   !> Hash of the state in figures and letters. Collective
@@ -124,11 +125,15 @@ contains
     call line("gimp.x "//trim(build%version)//" ("//trim(build%commit)//", "//trim(build%kind)//", "//precision_word//" precision)")
     if (text_of_key(scene, "scene", 1, "title") /= "") call line("  "//text_of_key(scene, "scene", 1, "title"))
     if (continued /= "") call line("  continued "//continued)
-    call line("  grid       "//cells//" cells of "//text_of(s%engine%grid%spacing)//" m")
+    if (s%engine%grid%is_mesh) then
+      call tell_mesh(s%engine, s%walls, text_of_key(scene, "mesh", 1, "file"))
+    else
+      call line("  grid       "//cells//" cells of "//text_of(s%engine%grid%spacing)//" m")
+    end if
     call line("  material   "//material_words())
     call line("  particles  "//with_thousands(whole%particles)//" in " &
               //plural(count_groups(scene, "body"), "body", "bodies")//", " &
-              //plural(int(whole%blocks), "active block of 64 nodes", "active blocks of 64 nodes"))
+              //block_words())
     call line("  method     "//word_of(scene, "method", 1, "basis")//", "//word_of(scene, "method", 1, "stress_update")//", " &
               //transfer_words()//", "//word_of(scene, "method", 1, "deformation_update")//" F")
     call line("  stored     "//text_of(live_bytes(s%engine%particles))//" bytes a particle: "//always_stored())
@@ -137,7 +142,7 @@ contains
         //" ("//trim(s%engine%particles%fields(k)%reason)//")")
     end do
     call line("  memory     "//short_number(real(whole%bytes, dp))//"B, " &
-              //text_of(int(whole%bytes/max(1_i8, whole%particles)))//" bytes a particle with grid and sort"//saved_words())
+              //text_of(int(whole%bytes/max(1_i8, whole%particles)))//" bytes a particle with "//merge("mesh", "grid", s%engine%grid%is_mesh)//" and sort"//saved_words())
     if (ranks > 1) call line("  ranks      "//text_of(ranks)//" of "//plural(threads, "thread", "threads") &
                              //"; the fullest holds "//short_number(real(whole%most_bytes, dp))//"B")
     call line("  time       "//text_of(s%time_options%end)//" s in about "//with_thousands(ceiling(estimated_steps(s), i8)) &
@@ -145,6 +150,12 @@ contains
     flush (output_unit)
 
   contains
+
+    function block_words() result(words)
+      character(len=:), allocatable :: words
+      words = plural(int(whole%blocks), "active block of 64 nodes", "active blocks of 64 nodes")
+      if (s%engine%grid%is_mesh) words = plural(int(whole%blocks), "patch", "patches")
+    end function block_words
 
     function material_words() result(words)
       character(len=:), allocatable :: words
@@ -343,9 +354,12 @@ contains
     call say(s%books%cut_nodes, "nodes below the mass cut-off (node-steps); momentum lost "//text_of(s%books%cut_momentum, 3)//" kg m/s")
     call say(s%books%handed, "particles whose light nodes handed on force (particle-steps); impulse handed on "// &
              text_of(s%books%handed_impulse, 3)//" kg m/s")
+    call say(particles_put_back(s%books), "particles put back onto a side that they had passed (particle-steps)")
+    call say(points_beyond(s%books), "points of domains beyond the mesh, weighted with the element before them (particle-steps)")
     call say(s%books%removed_particles, "particles removed at free sides")
     call say(s%books%lost_loads, "load points on inactive nodes: force was lost")
     call line("  sorts              "//with_thousands(s%books%sorts))
+    if (s%engine%grid%is_mesh) call line("  search             "//search_words(s%books, s%particle_steps))
     if (s%method%filter_every > 0) call line("  null-space filter  took "//text_of(s%books%filtered, 3)//" J of kinetic energy")
 
   contains
@@ -419,6 +433,7 @@ contains
     call count("removed_particles", s%books%removed_particles)
     call count("lost_loads", s%books%lost_loads)
     if (s%method%filter_every > 0) call number("filtered_energy", s%books%filtered)
+    if (s%engine%grid%is_mesh) call write_mesh_summary(recorder%output, s%engine, s%books, s%particle_steps, error)
     if (recorder%has_solution) then
       call word("error_solution", solution_name(recorder%solution))
       call word("error_scale_by", error_scale_text(recorder%solution))

@@ -15,11 +15,12 @@ module gimp_restart
   use gimp_verification, only: verification_t
   use gimp_ranks, only: this_rank
   use gimp_over_ranks, only: share_error
-  use gimp_hdf5, only: hdf5_file_t, close_hdf5, write_attribute, read_attribute, write_text, read_text
+  use gimp_hdf5, only: hdf5_file_t, close_hdf5, write_attribute, read_attribute, has_attribute, write_text, read_text
   use gimp_shared_hdf5, only: shared_file_t, end_layout
   use gimp_checkpoint, only: newest_path, begin_checkpoint, end_checkpoint, drop_checkpoint, open_checkpoint, twin_of, &
     write_parcel, read_parcel, check_lineage
   use gimp_engine_store, only: describe_engine, announce_engine, write_engine, read_engine
+  use gimp_mesh_content, only: mesh_hash
   use gimp_run_state, only: stepper_t, carry_stepper
   use gimp_stepper, only: resume_run
   use gimp_recorder, only: recorder_t, keep_record, unpack_record
@@ -40,6 +41,7 @@ module gimp_restart
     character(len=:), allocatable :: complete !! the scene with all defaults
     character(len=:), allocatable :: from !! checkpoint that this run goes on from; empty: it starts anew
     integer(i8) :: from_step = 0
+    character(len=:), allocatable :: mesh !! hash of its content; empty: there is a grid
     character(len=:), allocatable :: lineage !! of the output file, as `from` has it
     integer(i8) :: last_step = -1 !! of the last checkpoint
     integer(i8) :: multiple = 0 !! of `every` that was last passed
@@ -51,8 +53,9 @@ module gimp_restart
 contains
 
   !> What the scene says about checkpoints
-  subroutine set_up_restart(scene, restart)
+  subroutine set_up_restart(scene, s, restart)
     type(scene_t), intent(in) :: scene
+    type(stepper_t), intent(in) :: s
     type(restart_t), intent(out) :: restart
     restart%every = real_of(scene, "restart", 1, "every")
     restart%every_steps = integer_of(scene, "restart", 1, "every_steps")
@@ -63,6 +66,8 @@ contains
     restart%name = text_of_key(scene, "output", 1, "name")
     restart%keep_present = restart%from == newest_path(restart%name)
     restart%lineage = ""
+    restart%mesh = ""
+    if (s%engine%grid%is_mesh) restart%mesh = mesh_hash(s%engine%mesh, s%engine%grid)
     call echo_scene(scene, restart%complete)
   end subroutine set_up_restart
 
@@ -84,19 +89,28 @@ contains
     type(scene_t), intent(in) :: scene
     type(error_t), allocatable, intent(inout) :: error
     type(error_t), allocatable :: problem
-    character(len=:), allocatable :: kept, differences
+    character(len=:), allocatable :: kept, differences, mesh
     if (restart%from == "") return
     call open_checkpoint(restart%from, restart%file, problem)
     if (.not. allocated(problem)) call read_attribute(restart%file, "", "step", restart%from_step, problem)
     if (.not. allocated(problem)) call read_attribute(restart%file, "", "lineage", restart%lineage, problem)
     if (.not. allocated(problem)) call read_text(restart%file, "scene", kept, problem)
+    mesh = ""
+    if (.not. allocated(problem)) then
+      if (has_attribute(restart%file, "", "mesh_hash")) call read_attribute(restart%file, "", "mesh_hash", mesh, problem)
+    end if
     call share_error(problem)
     if (allocated(problem)) then
       call complain(error, scene, "restart", 1, "from", problem%message//twin_of(restart%from))
       return
     end if
     differences = scene_differences(kept, restart%complete)
-    if (differences /= "") call complain(error, scene, "restart", 1, "from", "is a checkpoint of another scene: "//differences)
+    if (differences /= "") then
+      call complain(error, scene, "restart", 1, "from", "is a checkpoint of another scene: "//differences)
+    else if (mesh /= restart%mesh) then
+      call complain(error, scene, "restart", 1, "from", "is a checkpoint on another mesh: "//text_of_key(scene, "mesh", 1, "file") &
+                    //" holds other nodes, elements or names than when it was written")
+    end if
     call check_lineage(restart%name//".vtkhdf", restart%lineage, restart%from_step, problem)
     if (allocated(problem)) call complain(error, scene, "restart", 1, "from", problem%message)
   end subroutine check_checkpoint
@@ -218,6 +232,7 @@ contains
       call write_attribute(shared%file, "", "step", s%step, error)
       if (.not. allocated(error)) call write_attribute(shared%file, "", "time", real(s%time, dp), error)
       if (.not. allocated(error)) call write_attribute(shared%file, "", "lineage", recorder%lineage, error)
+      if (.not. allocated(error) .and. restart%mesh /= "") call write_attribute(shared%file, "", "mesh_hash", restart%mesh, error)
       if (.not. allocated(error)) call write_text(shared%file, "scene", restart%complete, error)
       if (.not. allocated(error)) call write_parcel(shared%file, "run", run, error)
       if (.not. allocated(error)) call write_parcel(shared%file, "output", output, error)

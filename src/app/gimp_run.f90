@@ -13,6 +13,7 @@ module gimp_run
   use gimp_loads, only: load_point
   use gimp_run_state, only: stepper_t, stepper_bytes
   use gimp_stepper, only: start_run, plan_step, take_step
+  use gimp_setup_sides, only: is_on_particles
   use gimp_setup, only: set_up_scene, set_up_threads, body_named
   use gimp_population, only: population_t, count_particles
   use gimp_populate, only: populate
@@ -63,7 +64,7 @@ contains
       if (allocated(problem)) call add_error(error, problem%message)
     end if
     if (this_rank == 0) call check_folder(run%scene, error)
-    call set_up_restart(run%scene, run%restart)
+    call set_up_restart(run%scene, run%stepper, run%restart)
     call check_checkpoint(run%restart, run%scene, error)
     call share_error(error)
     if (allocated(error)) return
@@ -118,7 +119,7 @@ contains
     integer :: k, n, b
     n = 0
     do k = 1, count_groups(run%scene, "load")
-      if (word_of(run%scene, "load", k, "kind") == "gravity") cycle
+      if (.not. is_on_particles(run%scene, k)) cycle
       n = n + 1
       if (run%stepper%loads%load(n)%kind /= load_point) cycle
       b = body_named(run%scene, text_of_key(run%scene, "load", k, "body"))

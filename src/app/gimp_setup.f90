@@ -1,8 +1,7 @@
 !> From a checked scene to a run that can start: grid, sides, materials, method, time, loads and the exact solution
 module gimp_setup
-  use gimp_kinds, only: wp, dp, precision_word
+  use gimp_kinds, only: wp, dp
   use gimp_error, only: error_t, add_error
-  use gimp_text, only: text_of
   use gimp_grid, only: make_grid
   use gimp_basis, only: basis_of_word, basis_linear, basis_cpgimp, basis_ugimp, basis_ddmp, is_sampled, spline_degree
   use gimp_point_domains, only: corner_rule, volume_rule, surface_rule, simpson_rule
@@ -13,10 +12,9 @@ module gimp_setup
   use gimp_verification, only: verification_t, verification_options_t, make_verification, has_body_force
   use gimp_engine, only: least_spacing, law_t, affine_none, affine_apic, affine_tpic, affine_mls, anti_none, &
     anti_f_bar, anti_b_bar, anti_cell_stress
-  use gimp_walls, only: walls_t, set_walls, side_of_word, condition_of_word
-  use gimp_time_table, only: time_table_t
+  use gimp_walls, only: set_walls
   use gimp_border, only: repartition_balanced, repartition_always, repartition_never
-  use gimp_loads, only: loads_t, has_loads, load_traction, load_pressure, load_point, most_face_loads
+  use gimp_loads, only: has_loads
   use gimp_generalized_alpha, only: bifurcation_limit
   use gimp_newmark, only: newmark_limit
   use gimp_run_state, only: stepper_t, hands_on, scheme_of_word, usl, musl, series_none, series_xpic, series_fmpm, position_grid, &
@@ -24,6 +22,9 @@ module gimp_setup
   use gimp_step_size, only: rule_adaptive, rule_uniform, rule_fixed
   use gimp_stability, only: check_of_word
   use gimp_solution_force, only: solution_force_t
+  use gimp_setup_sides, only: set_up_walls, set_up_loads, is_on_particles
+  use gimp_setup_mesh, only: set_up_mesh
+  use gimp_mesh_pads, only: prepare_mesh
   use gimp_scene, only: scene_t, count_groups, is_given, real_of, reals_of, integer_of, logical_of, word_of, text_of_key, complain
   use omp_lib, only: omp_get_max_threads, omp_set_num_threads
   implicit none(type, external)
@@ -38,14 +39,20 @@ contains
     type(stepper_t), intent(inout) :: s
     type(verification_t), intent(out) :: solution
     type(error_t), allocatable, intent(out) :: error
-    s%engine%grid = make_grid(scene%dimension, reals_of(scene, "grid", 1, "lower"), reals_of(scene, "grid", 1, "upper"), &
-                              real_of(scene, "grid", 1, "spacing"))
-    call set_up_walls(scene, s%walls)
-    call set_walls(s%walls, s%engine%grid)
+    if (count_groups(scene, "mesh") > 0) then
+      call set_up_mesh(scene, s, error)
+      if (allocated(error)) return
+    else
+      s%engine%grid = make_grid(scene%dimension, reals_of(scene, "grid", 1, "lower"), reals_of(scene, "grid", 1, "upper"), &
+                                real_of(scene, "grid", 1, "spacing"))
+      call set_up_walls(scene, s%walls)
+      call set_walls(s%walls, s%engine%grid)
+    end if
     call set_up_materials(scene, s%engine%laws, error)
     if (allocated(error)) return
     call set_up_method(scene, s, error)
-    call set_up_loads(scene, s%loads, error)
+    if (s%engine%grid%is_mesh .and. .not. allocated(error)) call prepare_mesh(s%engine)
+    call set_up_loads(scene, s%engine, s%loads, error)
     call set_up_solution(scene, s, solution, error)
     if (allocated(error)) return
     call set_up_time(scene, s)
@@ -79,45 +86,6 @@ contains
     end if
     call omp_set_num_threads(threads)
   end subroutine set_up_threads
-
-  !> Sides of the box; without a group they are free
-  subroutine set_up_walls(scene, walls)
-    type(scene_t), intent(in) :: scene
-    type(walls_t), intent(inout) :: walls
-    character(len=:), allocatable :: side
-    integer :: b, axis, end, a, e
-    do b = 1, count_groups(scene, "boundary")
-      side = word_of(scene, "boundary", b, "side")
-      call side_of_word(side, axis, end)
-      do a = 1, scene%dimension
-        do e = 1, 2
-          if (side /= "all" .and. (a /= axis .or. e /= end)) cycle
-          associate (wall => walls%side(e, a))
-            wall%condition = condition_of_word(word_of(scene, "boundary", b, "condition"))
-            wall%removes = word_of(scene, "boundary", b, "condition") == "free" &
-                           .and. word_of(scene, "boundary", b, "leaving") == "remove"
-            if (is_given(scene, "boundary", b, "velocity")) then
-              wall%velocity(:scene%dimension) = reals_of(scene, "boundary", b, "velocity")
-            end if
-            call set_up_table(scene, "boundary", b, wall%table)
-          end associate
-        end do
-      end do
-    end do
-  end subroutine set_up_walls
-
-  !> Times and factors, and the ramp of loads
-  subroutine set_up_table(scene, group, which, table)
-    type(scene_t), intent(in) :: scene
-    character(len=*), intent(in) :: group
-    integer, intent(in) :: which
-    type(time_table_t), intent(inout) :: table
-    if (is_given(scene, group, which, "times")) then
-      table%times = reals_of(scene, group, which, "times")
-      table%factors = reals_of(scene, group, which, "factors")
-    end if
-    if (group == "load") table%ramp_time = real_of(scene, group, which, "ramp_time")
-  end subroutine set_up_table
 
   subroutine set_up_materials(scene, laws, error)
     type(scene_t), intent(in) :: scene
@@ -383,7 +351,7 @@ contains
       call complain(error, scene, "method", 1, "position_update", "moves particles with their own velocity, which corners do not have; use 'grid'")
     if (s%engine%rule%carried /= carried_simplex) return
     do k = 1, count_groups(scene, "load")
-      if (word_of(scene, "load", k, "kind") == "traction" .or. word_of(scene, "load", k, "kind") == "pressure") &
+      if (is_on_particles(scene, k) .and. word_of(scene, "load", k, "kind") /= "point_force") &
         call complain(error, scene, "load", k, "kind", "acts on faces of the fill lattice, which simplices do not have; set particle_domain = 'box'")
     end do
   end subroutine check_carried
@@ -403,51 +371,6 @@ contains
         "cannot be had with open-knot splines; set spline_boundary = 'ghost' in &method")
     end do
   end subroutine set_up_spline
-
-  subroutine set_up_loads(scene, loads, error)
-    type(scene_t), intent(in) :: scene
-    type(loads_t), intent(inout) :: loads
-    type(error_t), allocatable, intent(inout) :: error
-    integer :: k, gravity, faces, n, d
-    d = scene%dimension
-    n = count_groups(scene, "load")
-    gravity = 0
-    do k = 1, n
-      if (word_of(scene, "load", k, "kind") == "gravity") gravity = gravity + 1
-    end do
-    allocate (loads%gravity(gravity), loads%load(n - gravity))
-    gravity = 0
-    faces = 0
-    n = 0
-    do k = 1, count_groups(scene, "load")
-      if (word_of(scene, "load", k, "kind") == "gravity") then
-        gravity = gravity + 1
-        loads%gravity(gravity)%acceleration(:d) = reals_of(scene, "load", k, "acceleration")
-        call set_up_table(scene, "load", k, loads%gravity(gravity)%table)
-        cycle
-      end if
-      n = n + 1
-      associate (load => loads%load(n))
-        call set_up_table(scene, "load", k, load%table)
-        select case (word_of(scene, "load", k, "kind"))
-        case ("traction")
-          load%kind = load_traction
-          load%vector(:d) = reals_of(scene, "load", k, "traction")
-        case ("pressure")
-          load%kind = load_pressure
-          load%pressure = real_of(scene, "load", k, "pressure")
-        case default
-          load%kind = load_point
-          load%vector(:d) = reals_of(scene, "load", k, "force")
-        end select
-        if (load%kind == load_point) cycle
-        load%place = faces
-        faces = faces + 1
-        if (faces > most_face_loads) call complain(error, scene, "load", k, "kind", &
-          "a scene can hold at most "//text_of(most_face_loads)//" face loads in "//precision_word//" precision")
-      end associate
-    end do
-  end subroutine set_up_loads
 
   !> Number of the body of that name, 0 if there is none
   pure integer function body_named(scene, name) result(body)
