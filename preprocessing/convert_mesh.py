@@ -96,7 +96,7 @@ def flat_nodes(points, dim, plane, path, used):
 
 
 def turn_around(mesh, fix):
-    """Elements that are inside out, twisted or flat: turned around if they may be, refused otherwise; notes of what was done"""
+    """Elements that are inside out, twisted, flat or misshapen: turned around if they may be, refused otherwise; notes of what was done"""
     notes, problems = [], []
     for kind, word, found in faulty_elements(mesh):
         if word == "turned" and fix:
@@ -105,7 +105,8 @@ def turn_around(mesh, fix):
             continue
         told = {"turned": "have a negative volume (--fix-orientation turns them around)",
                 "twisted": "are twisted: a corner or a middle node lies on the wrong side",
-                "flat": "have no volume"}[word]
+                "flat": "have no volume",
+                "misshapen": "are needles or nearly twisted: mesh again, finer or smoothed, there"}[word]
         problems.append(f"{len(found)} {kind} elements {told}: {first_few(found)}")
     if problems:
         raise MeshError("; ".join(problems))

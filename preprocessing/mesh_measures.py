@@ -1,5 +1,5 @@
 """Sizes and shapes of elements: shape functions, volumes, centroids, smallest Jacobians, quality, and a report of a mesh."""
-from itertools import permutations, product
+from itertools import combinations, permutations, product
 
 import numpy as np
 
@@ -21,6 +21,7 @@ SPACES = {
     "hexahedron8": (tuple(product((0, 1), repeat=3)), tuple((*xy, z) for z in (-1, 1) for xy in SQUARE)),
 }
 SIMPLICES = ("triangle3", "triangle6", "tetrahedron4")
+FLAT, LEAST_JACOBIAN, LEAST_HEIGHT = 1e-10, 0.05, 0.01  # volume over size^dim; det dx/dxi over its mean; height of a simplex over its edge
 
 
 def natural_nodes(kind):
@@ -109,14 +110,28 @@ def qualities(kind, places):
     return worst
 
 
+def slenderness(kind, places):
+    """Smallest height of each simplex over its longest edge: (elements,)"""
+    corners = places[:, :KINDS[kind].corners]
+    longest = np.max([np.linalg.norm(corners[:, a] - corners[:, b], axis=1) for a, b in combinations(range(corners.shape[1]), 2)], axis=0)
+    content = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1]))  # times 2 in the plane, 6 in space
+    base = longest
+    if corners.shape[2] == 3:
+        faces = corners[:, list(KINDS[kind].sides)]
+        base = np.linalg.norm(np.cross(faces[:, :, 1] - faces[:, :, 0], faces[:, :, 2] - faces[:, :, 0]), axis=2).max(1)
+    return content/np.where(base*longest > 0, base*longest, 1.0)
+
+
 def faulty_elements(mesh):
-    """Elements that cannot be used: a list of (kind, "turned", "twisted" or "flat", numbers from 0)"""
+    """Elements that cannot be used: a list of (kind, "turned", "twisted", "flat" or "misshapen", numbers from 0); limits as gimp.x has them"""
     found = []
     for kind, table in mesh.elements.items():
         places = mesh.nodes[table]
         least, most = least_jacobians(kind, places)
-        flat = np.abs(volumes(kind, places)) <= 1e-12*np.prod(np.ptp(places, axis=1).max(1)[:, None]**np.ones(mesh.dim), axis=1)
-        for word, which in (("flat", flat), ("turned", ~flat & (most < 0)), ("twisted", ~flat & (most >= 0) & (least <= 0))):
+        flat = np.abs(volumes(kind, places)) <= FLAT*np.ptp(places, axis=1).max(1)**mesh.dim
+        slender = slenderness(kind, places) < LEAST_HEIGHT if kind in SIMPLICES else np.zeros(len(table), bool)
+        for word, which in (("flat", flat), ("turned", ~flat & (most < 0)), ("twisted", ~flat & (most >= 0) & (least <= 0)),
+                            ("misshapen", ~flat & (least > 0) & ((least < LEAST_JACOBIAN) | slender))):
             if which.any():
                 found.append((kind, word, np.flatnonzero(which)))
     return found

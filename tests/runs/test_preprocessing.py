@@ -80,6 +80,13 @@ def test_turning_an_element_changes_the_sign_of_its_volume(kind):
     assert measures.qualities(kind, turned)[0] < 0
 
 
+def test_heights_of_simplices():
+    right = np.array([[(0, 0), (4, 0), (0, 3)]], float)  # heights 4, 3 and 2.4 over an edge of 5
+    assert measures.slenderness("triangle3", right)[0] == pytest.approx(2.4/5)
+    corner = np.array([[(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]], float)  # 1/sqrt(3) above its largest face
+    assert measures.slenderness("tetrahedron4", corner)[0] == pytest.approx(1/math.sqrt(3)/math.sqrt(2))
+
+
 @pytest.mark.parametrize("kind", mf.KINDS)
 def test_sides_look_outward(kind):
     here = measures.natural_nodes(kind)
@@ -465,6 +472,8 @@ def test_abaqus_file_with_sets_and_surfaces(tmp_path, capsys):
     (("", ""), ["--only", "soft", "--node-sets", "none"], "there are: all right_nodes"),
     (("1, 10, 20, 21", "1, 10, 21, 20"), ["--only", "soft"], "1 triangle3 elements have a negative volume (--fix-orientation turns them around): 1"),
     (("21, 1., 1.", "21, 1.9, 0.05"), ["--only", "soft", "--fix-orientation"], "1 quad4 elements are twisted"),
+    (("21, 1., 1.", "21, 1.49, 0.5"), ["--only", "soft"], "1 quad4 elements are needles or nearly twisted"),
+    (("21, 1., 1.", "21, 1., 0.008"), ["--only", "soft"], "1 triangle3 elements are needles or nearly twisted"),
     (("1, 10, 20, 21", "1, 10, 20, 20"), ["--only", "soft"], "1 triangle3 elements have no volume: 1"),
     (("5, 20, 30, 31, 21", "5, 20, 30, 31, 77"), [], "line 16: an element of CPE4R with a node that is not there: 77"),
     (("5, 20, 30, 31, 21", "5, 20, 30, 31"), [], "line 16: the last element of CPE4R has 3 nodes"),
