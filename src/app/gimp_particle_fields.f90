@@ -63,6 +63,8 @@ contains
       if (s%method%integrator /= symplectic) call add_field(p, "acceleration", d, p%acceleration, &
         "integrator = "//word_of(scene, "method", 1, "integrator"))
       if (s%engine%grid%is_mesh) call add_field(p, "element", 1, p%element, "&mesh")
+      if (s%engine%grid%is_mesh .and. is_sampled(s%engine%basis)) &
+        call add_field(p, "point_element", (s%engine%rule%n + 1)/2, p%point_element, "points of domains in a mesh")
       if (reference) call add_field(p, "reference", d, p%reference, "verification or displacement in the output")
       if (allocated(s%engine%body_force)) call add_field(p, "force", d, p%force, "body force of the solution")
       if (face_loads) call add_field(p, "faces", 1, p%faces, "loads on faces")
