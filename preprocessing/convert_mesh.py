@@ -22,8 +22,10 @@ from mesh_measures import faulty_elements, report
 
 KIND_OF = {"line": "line2", "triangle": "triangle3", "triangle6": "triangle6", "quad": "quad4", "quad8": "quad8", "quad9": "quad9",
            "tetra": "tetrahedron4", "hexahedron": "hexahedron8"}
-ADVICE = {"line3": "use line2", "tetra10": "save with elements of first order (Gmsh: Mesh.ElementOrder = 1)",
-          "hexahedron20": "save with elements of first order", "hexahedron27": "save with elements of first order",
+LINEAR = {"line3": "line", "triangle6": "triangle", "quad8": "quad", "quad9": "quad", "tetra10": "tetra", "hexahedron20": "hexahedron",
+          "hexahedron27": "hexahedron"}
+CORNERS = {"line": 2, "triangle": 3, "quad": 4, "tetra": 4, "hexahedron": 8}
+ADVICE = {**dict.fromkeys(LINEAR, "take the corners alone with --linear"),
           "wedge": "mesh with tetrahedra alone or hexahedra alone", "pyramid": "mesh with tetrahedra alone or hexahedra alone"}
 PLANES = {"xy": (0, 1, 2), "xz": (0, 2, 1), "yz": (1, 2, 0)}
 SAME_PLACE = 1e-9  # of the size of the mesh: nodes so near to each other are thought to be one
@@ -36,6 +38,7 @@ def parse_arguments(words=None):
     parser.add_argument("--scale", type=float, default=1.0, help="metres in a unit of the file: 0.001 if it has millimetres (default: 1)")
     parser.add_argument("--plane", choices=tuple(PLANES), default="xy", help="plane of a 2D mesh (default: xy)")
     parser.add_argument("--fix-orientation", action="store_true", help="turn elements with negative volumes around")
+    parser.add_argument("--linear", action="store_true", help="leave the nodes between corners out: triangle6 becomes triangle3, and so on")
     parser.add_argument("--merge", type=float, metavar="DISTANCE", help="join nodes that are nearer than this [m]")
     parser.add_argument("--ignore", action="append", default=[], metavar="NAME", help="leave a named group out; may be repeated")
     parser.add_argument("--only", action="append", default=[], metavar="NAME", help="take this named group and no others; may be repeated")
@@ -152,7 +155,7 @@ def sides_of_names(foreign, dim, new_node, node_sets, outside):
         for b, rows in parts:
             kind, table = foreign.blocks[b]
             if dimension_of(kind) == dim - 1:
-                corners = {"vertex": 1, "line": 2, "triangle": 3}.get(kind.rstrip("0123456789"), 4)
+                corners = {"vertex": 1, **CORNERS}[kind.rstrip("0123456789")]
                 found.setdefault(name, []).extend(map(tuple, new_node[table[rows][:, :corners]].tolist()))
     for name, sides in foreign.side_sets.items():
         found.setdefault(name, []).extend(tuple(new_node[list(side)].tolist()) for side in sides)
@@ -197,6 +200,8 @@ def name_sides(mesh, named, outside, ignored):
 def convert(arguments):
     """The mesh, and notes of what was changed or left out"""
     foreign = read_foreign(arguments.input, arguments.groups_from)
+    if arguments.linear:
+        foreign.blocks = [(kind, table) if kind not in LINEAR else (LINEAR[kind], table[:, :CORNERS[LINEAR[kind]]]) for kind, table in foreign.blocks]
     known = {*foreign.cell_sets, *foreign.side_sets}
     for option, names in (("--ignore", arguments.ignore), ("--only", arguments.only)):
         for name in names:
@@ -228,6 +233,8 @@ def convert(arguments):
     outside = [tuple(n for n in side if n >= 0) for side in boundary_sides(mesh).tolist()]
     named = sides_of_names(foreign, dim, new_node, arguments.node_sets, outside)
     notes += name_sides(mesh, named, outside, ignored)
+    if (curved := [kind for kind in mesh.elements if kind in ("triangle6", "quad8")]):
+        notes.append(f"note: {' and '.join(curved)} are for bodies (fill_body.py); as a background their corners would have no positive mass: --linear")
     left = {}
     in_sets = {(b, row) for parts in foreign.cell_sets.values() for b, rows in parts if dimension_of(foreign.blocks[b][0]) == dim - 1 for row in rows}
     for b, (kind, table) in enumerate(foreign.blocks):

@@ -514,7 +514,7 @@ def test_nodes_at_one_place_are_told_and_merged(tmp_path, capsys):
 @pytest.mark.parametrize("cells, message", [
     ([("wedge", [[0, 1, 2, 3, 4, 5]]), ("tetra", [[0, 1, 2, 3]])], "1 wedge, which gimp.x does not have; it has: tetrahedron4 hexahedron8. Mesh with"),
     ([("pyramid", [[0, 1, 2, 3, 4]]*2)], "2 pyramid"),
-    ([("tetra10", [list(range(10))])], "1 tetra10, which gimp.x does not have; it has: tetrahedron4 hexahedron8. Save with elements of first order"),
+    ([("tetra10", [list(range(10))])], "1 tetra10, which gimp.x does not have; it has: tetrahedron4 hexahedron8. Take the corners alone with --linear"),
     ([("hexahedron20", [list(range(20))])], "1 hexahedron20"),
     ([("vertex", [[0]])], "has no elements"),
 ])
@@ -523,6 +523,26 @@ def test_elements_that_gimp_does_not_have(cells, message, tmp_path):
     points = np.random.RandomState(1).random_sample((20, 3))
     meshio.Mesh(points, [(kind, np.array(table)) for kind, table in cells]).write(tmp_path / "x.vtu")
     assert message in refused(convert_mesh.main, tmp_path / "x.vtu", tmp_path / "o.h5")
+
+
+@pytest.mark.parametrize("kind, linear", [("triangle6", "triangle3"), ("quad8", "quad4"), ("quad9", "quad4"), ("tetra10", "tetrahedron4"),
+                                          ("hexahedron20", "hexahedron8")])
+def test_corners_alone(kind, linear, tmp_path, capsys):
+    meshio = pytest.importorskip("meshio")
+    corners = measures.natural_nodes(linear)
+    count = {"triangle6": 6, "quad8": 8, "quad9": 9, "tetra10": 10, "hexahedron20": 20}[kind]
+    if kind in measures.SPACES:
+        points = measures.natural_nodes(kind)
+    else:
+        points = np.concatenate([corners, np.random.RandomState(1).random_sample((count - len(corners), 3))])
+    points = np.hstack([points, np.zeros((count, 3 - points.shape[1]))])
+    meshio.Mesh(points, [(kind, np.arange(count)[None])]).write(tmp_path / "x.vtu")
+    mesh = converted(tmp_path, tmp_path / "x.vtu", "--linear")
+    assert list(mesh.elements) == [linear] and (mesh.nodes == corners).all()
+    assert f"left out: {count - len(corners)} nodes that no element has" in capsys.readouterr().out
+    if kind in ("triangle6", "quad8"):
+        converted(tmp_path, tmp_path / "x.vtu")
+        assert f"note: {kind} are for bodies" in capsys.readouterr().out
 
 
 def test_other_planes(tmp_path):
@@ -754,6 +774,27 @@ def test_filling_a_mesh_is_refused(words, message, tmp_path):
     made(tmp_path, "hybrid", "--cells", "4,2")
     assert message in refused(fill_body.main, tmp_path / "made.h5", tmp_path / "o.h5", "--density", "1", *words)
     assert not (tmp_path / "o.h5").exists()
+
+
+@pytest.mark.parametrize("path", MESHES, ids=lambda path: path.stem)
+def test_gimp_reads_the_meshes_of_scenes(path, run_scene, tmp_path):
+    """Bodies of the first group (or of all elements), filled by gimp.x and by fill_body.py, have the same volume"""
+    mesh = mf.read_mesh(path)
+    group = f'group = "{mesh.element_groups[0]}"' if mesh.element_groups else ""
+    scene = f"""&scene dimension = {mesh.dim} /
+&mesh file = "{path}" /
+&material name = "rubber" model = "neo_hookean" density = 2000.0 young_modulus = 1.0e6 poisson_ratio = 0.3 /
+&body name = "body" material = "rubber" shape = "elements" {group} /
+&boundary side = "{mesh.side_groups[0]}" condition = "slip" /
+&method basis = "linear" /
+&time end = 1.0 max_steps = 2 /
+&output name = "x" fields = "volume" precision = "double" /
+"""
+    run = run_scene(scene, tmp_path).succeeded()
+    filled(tmp_path, path, *(["--group", mesh.element_groups[0]] if group else []))
+    with h5py.File(tmp_path / "particles.h5") as file:
+        volume = file["volume"][:].sum()
+    assert run.last_frame["volume"].sum() == pytest.approx(volume, rel=1e-12)
 
 
 @pytest.mark.parametrize("words, domain", [(["disk", "--radius", "0.3", "--rings", "4", "--center", "0.5,0.5"], "simplex"),
