@@ -18,6 +18,7 @@ module gimp_patches
 
   !> Elements of a patch, by kind: about 64 nodes each
   integer, parameter :: elements_in_patch(n_kinds) = [64, 128, 32, 64, 21, 16, 320, 64]
+  integer, parameter :: at_once = 16 !! boxes that are looked at together
   integer, parameter :: axis_bits = 20 !! of the places of patches on the curve that orders them
 
   type :: patches_t
@@ -378,10 +379,17 @@ contains
       integer, intent(in) :: sources(:)
       integer, intent(inout) :: members
       real(wp) :: source_low(size(sources), mesh%dim), source_high(size(sources), mesh%dim)
+      real(wp) :: group_low(mesh%dim, (size(sources) + at_once - 1)/at_once), group_high(mesh%dim, (size(sources) + at_once - 1)/at_once)
       integer :: i, k, j, node, other
       if (.not. reach > 0.0_wp) return
       source_low = transpose(low(:, sources))
       source_high = transpose(high(:, sources))
+      do i = 1, size(group_low, 2)
+        associate (first => at_once*(i - 1) + 1, last => min(at_once*i, size(sources)))
+          group_low(:, i) = minval(source_low(first:last, :), dim=1)
+          group_high(:, i) = maxval(source_high(first:last, :), dim=1)
+        end associate
+      end do
       walk = walk + 1
       i = 1
       do while (i <= members)
@@ -391,7 +399,8 @@ contains
             other = mesh%vertex_element(j)
             if (seen(other) == walk .or. stamp_element(other) == p) cycle
             seen(other) = walk
-            if (is_near(size(sources), source_low, source_high, low(:, other), high(:, other), (reach*patches%width(p))**2)) call take_in(other, members)
+            if (is_near(size(sources), source_low, source_high, group_low, group_high, low(:, other), high(:, other), (reach*patches%width(p))**2)) &
+              call take_in(other, members)
           end do
         end do
         i = i + 1
@@ -417,22 +426,27 @@ contains
 
   end subroutine make_pads
 
-  !> Whether a box is nearer than a distance to one of several
-  pure logical function is_near(n, lows, highs, low, high, squared)
+  !> Whether a box is nearer than a distance to one of several; boxes around 16 of them each decide most
+  pure logical function is_near(n, lows, highs, group_low, group_high, low, high, squared)
     integer, intent(in) :: n
     real(wp), intent(in) :: lows(:, :), highs(:, :) !! (box, axis)
+    real(wp), intent(in) :: group_low(:, :), group_high(:, :) !! (axis, group)
     real(wp), intent(in) :: low(:), high(:), squared
-    integer, parameter :: at_once = 64
     real(wp) :: far(at_once)
-    integer :: first, m, k
+    integer :: group, first, m, k, i
     is_near = .true.
-    do first = 1, n, at_once
-      m = min(at_once, n + 1 - first)
+    do group = 1, size(group_low, 2)
+      if (sum(max(0.0_wp, low - group_high(:, group), group_low(:, group) - high)**2) >= squared) cycle
+      first = at_once*(group - 1)
+      m = min(at_once, n - first)
+      far = huge(1.0_wp)
       far(:m) = 0.0_wp
       do k = 1, size(low)
-        far(:m) = far(:m) + max(0.0_wp, low(k) - highs(first:first + m - 1, k), lows(first:first + m - 1, k) - high(k))**2
+        do i = 1, m
+          far(i) = far(i) + max(0.0_wp, low(k) - highs(first + i, k), lows(first + i, k) - high(k))**2
+        end do
       end do
-      if (any(far(:m) < squared)) return
+      if (any(far < squared)) return
     end do
     is_near = .false.
   end function is_near
