@@ -1,11 +1,11 @@
 !> gimp_search_cost.x [queries [points]]: which stage of the search finds particles after steps of several sizes, how many elements it tests,
-!> and how long it takes to locate many points at the start. Tables in Markdown, as in docs/search.md. Meshes are numbered at random so that
-!> no order of elements helps; times are those of one core
+!> and how long it takes to locate many points at the start. Tables in Markdown, as in docs/search.md. Times are those of one core
 program gimp_search_cost
   use gimp_kinds, only: wp, dp
-  use gimp_mesh, only: mesh_t, kind_corners
+  use gimp_mesh, only: mesh_t, kind_corners, kind_nodes
+  use gimp_elements, only: element_volume
   use gimp_mesh_connect, only: connect_mesh
-  use gimp_search, only: locator_t, found_t, make_locator, find_element, find_anywhere, found_here, found_outside, rule_velocity, &
+  use gimp_search, only: locator_t, found_t, make_locator, find_element, find_anywhere, owns, found_here, found_outside, rule_velocity, &
     rule_component
   use gimp_made_meshes, only: made_triangles, made_quads, made_hybrid, made_tetrahedra, made_hexahedra, made_quadratic, turn_mesh, &
     random_t, random_number_of
@@ -16,7 +16,7 @@ program gimp_search_cost
   call read_arguments()
   print "(a,i0,a)", "### Steps: ", queries, " particles each"
   print "(a)", ""
-  print "(a)", "| mesh | rule | step, cells | here % | vertices % | walk % | rings % | buckets % | outside % | tests per query "// &
+  print "(a)", "| mesh | rule | step | here % | vertices % | walk % | rings % | buckets % | outside % | tests per query "// &
     "| P(leave) | 1 + 1.2 P | ns per query |"
   print "(a)", "|---|---|---|---|---|---|---|---|---|---|---|---|---|"
   call tell_steps("quads", made_quads([40, 40]))
@@ -71,24 +71,31 @@ contains
     real(wp), parameter :: steps(6) = [0.1_wp, 0.25_wp, 0.5_wp, 1.0_wp, 3.0_wp, 30.0_wp]
     type(mesh_t) :: mesh
     type(locator_t) :: locator
-    integer :: k
+    real(wp) :: cell
+    integer :: k, e
     mesh = made
     call connect_mesh(mesh)
     call make_locator(mesh, locator)
-    do k = 1, size(steps)
-      call tell_step(name, mesh, locator, rule_velocity, steps(k))
+    cell = 0.0_wp
+    do e = 1, mesh%elements
+      cell = cell + element_volume(mesh%kind(e), mesh%x(:, mesh%node(:kind_nodes(mesh%kind(e)), e)))/mesh%elements
     end do
-    call tell_step(name, mesh, locator, rule_component, steps(1))
-    call tell_step(name, mesh, locator, rule_component, steps(3))
+    cell = cell**(1.0_wp/mesh%dim)
+    do k = 1, size(steps)
+      call tell_step(name, mesh, locator, rule_velocity, steps(k), cell)
+    end do
+    call tell_step(name, mesh, locator, rule_component, steps(1), cell)
+    call tell_step(name, mesh, locator, rule_component, steps(3), cell)
   end subroutine tell_steps
 
   !> Steps of random direction and random length up to `longest`, from random places in random elements
-  subroutine tell_step(name, mesh, locator, rule, longest)
+  subroutine tell_step(name, mesh, locator, rule, longest, cell)
     character(len=*), intent(in) :: name
     type(mesh_t), intent(in) :: mesh
     type(locator_t), intent(in) :: locator
     integer, intent(in) :: rule
-    real(wp), intent(in) :: longest !! [cells]
+    real(wp), intent(in) :: longest !! in sizes of elements
+    real(wp), intent(in) :: cell !! the mean size of elements: root of the mean area, cube root of the mean volume
     type(found_t) :: found
     real(wp), allocatable :: x(:, :), v(:, :)
     integer, allocatable :: start(:)
@@ -97,8 +104,12 @@ contains
     allocate (x(mesh%dim, queries), v(mesh%dim, queries), start(queries))
     do i = 1, queries
       start(i) = 1 + int(mesh%elements*random_number_of(random))
-      v(:, i) = real(random_number_of(random), wp)*longest*direction(mesh%dim)
-      x(:, i) = place_in(mesh, start(i)) + v(:, i)
+      v(:, i) = real(random_number_of(random), wp)*longest*cell*direction(mesh%dim)
+      do
+        x(:, i) = place_in(mesh, start(i))
+        if (owns(mesh, start(i), x(:, i))) exit ! sides may be curved
+      end do
+      x(:, i) = x(:, i) + v(:, i)
     end do
     how = 0
     visits = 0

@@ -7,7 +7,8 @@
 !>      tested, the element across it goes before them (of the element left only while the point is low over the side);
 !>   2. across the side that is violated most, again and again, from the nearest element seen so far; those visited last are not entered again;
 !>   3. in rings of neighbours of neighbours, three at most, where the walk went in a circle;
-!>   4. in buckets: boxes that list the elements that reach into them. They decide alone who has left the mesh, whatever its outline.
+!>   4. in buckets: boxes that list the elements that reach into them. They alone decide who has left the mesh, whatever its outline; points
+!>      that are beyond sides of the boundary only, or that walked to such a place, come here at once.
 !> Ownership of points on sides: see gimp_sides. The answer to "who owns it" does not depend on where the search starts.
 module gimp_search
   use gimp_kinds, only: wp
@@ -67,18 +68,21 @@ contains
       if (found%element /= start) found%how = found_vertex
       return
     end if
-    along(:mesh%dim) = v
-    if (all(v == 0.0_wp)) along(:mesh%dim) = x - locator%centre(:, start)
-    nearest = start
-    if (sum((x - locator%centre(:, start))**2) < far*locator%reach(start)) then
-      found%how = found_vertex
-      call look_around_vertices(mesh, locator, rule, x, along(:mesh%dim), start, nearest, value, found)
+    side = side_left(mesh, start, value)
+    if (side == 0) then
+      along(:mesh%dim) = v
+      if (all(v == 0.0_wp)) along(:mesh%dim) = x - locator%centre(:, start)
+      nearest = start
+      if (sum((x - locator%centre(:, start))**2) < far*locator%reach(start)) then
+        found%how = found_vertex
+        call look_around_vertices(mesh, locator, rule, x, along(:mesh%dim), start, nearest, value, found)
+        if (found%element > 0) return
+      end if
+      call walk(mesh, locator, x, nearest, value, found, side)
+      if (found%element > 0) return
+      if (side == 0) call look_in_rings(mesh, locator, x, nearest, found)
       if (found%element > 0) return
     end if
-    call walk(mesh, locator, x, nearest, value, found, side)
-    if (found%element > 0) return
-    if (side == 0) call look_in_rings(mesh, locator, x, nearest, found)
-    if (found%element > 0) return
     call look_in_bucket(mesh, locator, x, found)
     if (found%element > 0) return
     found%how = found_outside
@@ -226,6 +230,20 @@ contains
     if (is_deep(mesh%dim, locator, e, x)) return
     call look_into(mesh, locator, e, x, found, value)
   end subroutine test_element
+
+  !> The boundary side by which a point left element e, if it is beyond sides of the boundary only; else 0
+  pure integer function side_left(mesh, e, value) result(side)
+    type(mesh_t), intent(in) :: mesh
+    integer, intent(in) :: e
+    real(wp), intent(in) :: value(most_sides) !! functions of the sides of e
+    integer :: s
+    side = 0
+    do s = 1, kind_sides(mesh%kind(e))
+      if (value(s) < -slack .and. mesh%across(s, e) > 0) return
+    end do
+    s = minloc(value, dim=1)
+    side = -mesh%across(s, e)
+  end function side_left
 
   !> First stage: elements around the vertices of `start` that the motion points to. `value` comes with the functions of `start`; it goes with
   !> those of `nearest`, the one of the elements tested that is violated least

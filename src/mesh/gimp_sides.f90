@@ -283,11 +283,12 @@ contains
   !> Move x to the nearest point of a boundary side, or as little further inwards as rounding asks for [cells]
   pure subroutine onto_side(mesh, side, x)
     type(mesh_t), intent(in) :: mesh
-    integer, intent(in) :: side !! number of the boundary side
+    integer, intent(in) :: side !! number of the boundary side; 0: nothing is done
     real(wp), intent(inout) :: x(mesh%dim)
     integer :: e, s, node(most_side_corners), triangle(3, 2), middle, try
     real(wp) :: foot(mesh%dim), other(mesh%dim), centre(mesh%dim), value(most_sides), share
     logical :: turned, valley
+    if (side < 1) return
     e = mesh%side_element(side)
     s = mesh%side_number(side)
     node = side_nodes(mesh, e, s)
