@@ -316,22 +316,20 @@ contains
     !> All elements within reach of those of the patch, and rings around them
     subroutine extend(members)
       integer, intent(inout) :: members
-      call add_in_reach((members), members)
+      call add_in_reach_of([region(:members)], members)
       call add_rings(members)
     end subroutine extend
 
     !> The ring around the patch, all elements within reach of it and of the patch, and rings around them
     subroutine extend_from_ring(members)
       integer, intent(inout) :: members
-      integer, allocatable :: around(:), sources(:)
-      integer :: i, n
+      integer, allocatable :: around(:)
+      integer :: i
       call ring_of_patch(around)
       do i = 1, size(around)
         call take_in(around(i), members)
       end do
-      n = patches%first(p + 1) - patches%first(p)
-      sources = [region(:n), around]
-      call add_in_reach_of(sources, members)
+      call add_in_reach_of([(i, i=patches%first(p), patches%first(p + 1) - 1), around], members)
       call add_rings(members)
     end subroutine extend_from_ring
 
@@ -365,14 +363,6 @@ contains
       end do
       around = list(:m)
     end subroutine ring_of_patch
-
-    subroutine add_in_reach(seeds, members)
-      integer, intent(in) :: seeds
-      integer, intent(inout) :: members
-      integer, allocatable :: sources(:)
-      sources = region(:seeds)
-      call add_in_reach_of(sources, members)
-    end subroutine add_in_reach
 
     !> Elements nearer to one of these than domains reach, found by going outwards over vertices; boxes stand for elements
     subroutine add_in_reach_of(sources, members)
