@@ -150,7 +150,7 @@ contains
         end if
       end do
     end do
-    call tell_list(path, "different nodes at the same place", same, "merge them (preprocessing/convert_mesh.py does)", error)
+    call tell_list(path, "different nodes at the same place", same, "merge them (preprocessing/convert_mesh.py does with --merge)", error)
     call tell_list(path, "hanging nodes (on a side of an element that does not have them)", hanging, &
       "split that element, or mesh both places with sides that match", error)
     if (same%n + hanging%n == 0) call tell_list(path, "boundary sides that cover each other", covering, & ! else they follow from that
