@@ -3,6 +3,7 @@ module gimp_setup_mesh
   use gimp_kinds, only: wp, dp, precision_word
   use gimp_error, only: error_t
   use gimp_grid, only: grid_t
+  use gimp_mesh, only: mesh_t, kind_name, triangle6, quad8, quad9
   use gimp_mesh_file, only: read_mesh
   use gimp_patches, only: make_patches
   use gimp_mesh_connect, only: connect_mesh
@@ -36,6 +37,8 @@ contains
         call tell_mesh(scene, problem%message, error)
         return
       end if
+      call check_kinds(scene, engine%mesh, error)
+      if (allocated(error)) return
       call make_patches(engine%mesh, engine%patches)
       call connect_mesh(engine%mesh)
       call make_locator(engine%mesh, engine%locator)
@@ -44,6 +47,29 @@ contains
       call set_up_mesh_walls(scene, engine, s%walls, error)
     end associate
   end subroutine set_up_mesh
+
+  !> Elements that lumped masses, or the chosen shape functions, cannot be had with
+  subroutine check_kinds(scene, mesh, error)
+    type(scene_t), intent(in) :: scene
+    type(mesh_t), intent(in) :: mesh
+    type(error_t), allocatable, intent(inout) :: error
+    call refuse(triangle6, "the shape functions of their corners have an integral of zero, so that those nodes have next to no mass; make a " &
+                //"mesh of triangle3")
+    call refuse(quad8, "the shape functions of their corners have a negative integral, so that those nodes have a negative mass; make a mesh " &
+                //"of quad4 or quad9")
+    if (word_of(scene, "method", 1, "basis") == "ddmp") &
+      call refuse(quad9, "basis = 'ddmp' is for linear elements; make a mesh of quad4 or take basis = 'linear'")
+
+  contains
+
+    subroutine refuse(kind, why)
+      integer, intent(in) :: kind
+      character(len=*), intent(in) :: why
+      if (any(mesh%kind == kind)) &
+        call complain(error, scene, "mesh", 1, "file", "holds elements of kind "//trim(kind_name(kind))//": "//why)
+    end subroutine refuse
+
+  end subroutine check_kinds
 
   !> The box around a mesh in the words of a grid; the last cells may reach beyond it
   pure function grid_around(engine, dim, lower, length) result(grid)

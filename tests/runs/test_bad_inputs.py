@@ -45,6 +45,8 @@ def write_meshes(folder):
     write_mesh(folder / "mesh.h5", square)
     write_mesh(folder / "triangles.h5", mesh_makers.block("triangle3", [axis, axis]))
     write_mesh(folder / "disk.h5", mesh_makers.disk([0.5, 0.5], 0.4, 4))
+    for kind in ("triangle6", "quad8", "quad9"):
+        write_mesh(folder / f"{kind}.h5", mesh_makers.block(kind, [axis, axis]))
     write_mesh(folder / "solid.h5", mesh_makers.block("hexahedron8", [axis]*3))
 
 
