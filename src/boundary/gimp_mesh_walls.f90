@@ -3,7 +3,7 @@
 !> Stick or velocity at any side of a node holds all of it; where such groups meet, the last of them does, as on the box, whose sides go
 !> x_low, x_high, y_low, .. Else slip and symmetry hold normals. The normal at a node is the direction of the sum of int N n dA over its sides: for straight
 !> edges and triangles the area-weighted mean, on curved sides that at the node. Sides of one group belong together if they
-!> meet at less than `smooth_angle`, or are joined by others that do; so do slip sides of two groups that meet at less than
+!> meet at no more than `smooth_angle`, or are joined by others that do; so do slip sides of two groups that meet at no more than
 !> `joint_angle`. Sides that do not (corners, sharp edges) have their normals held beside each other: what is left is along the edge, or nothing.
 !> A symmetry group must be plane, and its normal is held as it is. Middle nodes belong to their sides. Groups without a condition are free.
 module gimp_mesh_walls
@@ -177,7 +177,7 @@ contains
       do j = 1, k - 1
         limit = merge(smooth_angle, joint_angle, group(j) == group(k))
         if (group(j) /= group(k) .and. any(condition(group([j, k]))%condition == side_symmetry)) cycle
-        if (dot_product(direction(outward(:, j)), direction(outward(:, k))) < cos(limit)) cycle
+        if (dot_product(direction(outward(:, j)), direction(outward(:, k))) < cos(limit + flat)) cycle
         low = min(cluster(j), cluster(k))
         high = max(cluster(j), cluster(k))
         where (cluster == high) cluster = low
