@@ -1,22 +1,31 @@
 #!/usr/bin/env python3
 """Error of a scene over finer and finer grids, with the rates and what it costs.
 
-  convergence.py inputs/verification/vortex.nml --cells 16,32,64 --set method.basis=cpgimp --plot vortex.png
+  convergence.py inputs/vortex.nml --cells 24,48,96 --set method.basis=cpgimp --plot vortex.png
+  convergence.py inputs/axis_aligned_2d.nml --mesh "block --cells {n},{n} --distort 0.3" --set method.basis=cpdi2 --set method.domain=
 
-Each grid has CELLS cells along the x axis of the box (spacing = width/CELLS); the scene must name an exact solution
+Each grid has CELLS cells along the x axis of the box (spacing = width/CELLS). With --mesh a mesh takes the place of the grid: its words
+are those of preprocessing/make_mesh.py without the file, where {n}, or whole-number arithmetic such as {2*n} and {n*2//3}, stands for
+CELLS; its h is the width of the mesh over CELLS, for lattices of particles too. The scene must name an exact solution
 (&verification). gimp.x is taken from the environment variable GIMP_X, from build/bin, or from the PATH.
 """
 import suitable_python  # noqa: F401 isort: skip (must come first)
 import argparse
 import json
 import math
+import re
+import shlex
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
+
 import gimp_files as gf
 import namelist
 
+MAKE_MESH = gf.REPOSITORY / "preprocessing" / "make_mesh.py"
 ERRORS = ("error_rms", "error_max", "error_rms_velocity", "error_rms_stress")
 NAN = math.nan
 
@@ -26,6 +35,7 @@ def parse_arguments(words=None):
     parser.add_argument("scene", help="scene to run, a namelist file")
     parser.add_argument("--cells", default="8,16,32",
                         help="cells along x of the grids, comma between (default: 8,16,32)")
+    parser.add_argument("--mesh", metavar="WORDS", help="make a mesh for each size with these words of make_mesh.py, in place of the grid")
     parser.add_argument("--set", action="append", default=[], metavar="GROUP.KEY=VALUE",
                         help="change the scene; body[2].key for the second body, GROUP.KEY= takes a key away; may be repeated")
     parser.add_argument("--json", metavar="FILE",
@@ -55,14 +65,34 @@ def box_of(text):
     raise gf.GimpError("the scene has no &grid with lower and upper")
 
 
-def run_grid(text, cells, folder, threads=None, program=None):
-    """Run the scene with so many cells along x; the row of the table. A run that fails gives nan and its reason"""
+def on_mesh(text, words, cells, folder):
+    """The scene on a mesh that is made for so many cells in place of its grid, and the size of the cells"""
+    path = Path(folder).resolve() / f"mesh_{cells}.h5"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    words = re.sub(r"\{([n\d+\-*/() ]+)\}", lambda found: str(eval(found.group(1), {"n": cells})), words)
+    done = subprocess.run([sys.executable, MAKE_MESH, *shlex.split(words), path], capture_output=True, text=True)
+    if done.returncode != 0:
+        raise gf.GimpError(f"make_mesh.py {words}: {(done.stderr.strip() or 'ended badly').splitlines()[-1]}")
+    with gf.open_file(path) as mesh:
+        spacing = float(np.ptp(mesh["nodes"][:, 0]))/cells
+    text = namelist.set_key(namelist.remove_group(text, "grid"), "mesh.file", str(path))
+    return namelist.set_key(text, "mesh.reference_length", spacing), spacing
+
+
+def on_grid(text, cells):
+    """The scene with so many cells along x, and their size"""
     lower, upper = box_of(text)
     spacing = (upper[0] - lower[0])/cells
+    return namelist.set_key(text, "grid.spacing", spacing), spacing
+
+
+def run_size(text, cells, folder, threads=None, program=None, mesh=None):
+    """Run the scene with so many cells along x; the row of the table. A run that fails gives nan and its reason"""
+    text, spacing = on_mesh(text, mesh, cells, folder) if mesh else on_grid(text, cells)
     row = {"cells": cells, "h": spacing, **dict.fromkeys(ERRORS, NAN), "steps": NAN, "wall_seconds": NAN,
            "particle_steps_per_core_second": NAN}
     try:
-        output = gf.run_scene(namelist.set_key(text, "grid.spacing", spacing), folder, f"cells_{cells}", program, threads)
+        output = gf.run_scene(text, folder, f"cells_{cells}", program, threads)
         found = gf.summary(output)
         row.update({name: found[name] for name in row if name in found})
         if "error_rms" not in found:
@@ -137,7 +167,7 @@ def main(words=None):
     print(HEADING, file=table_goes_to)
     with tempfile.TemporaryDirectory() as scratch:
         for cells in arguments.cells:
-            rows.append(run_grid(text, cells, arguments.keep or scratch, arguments.threads, program))
+            rows.append(run_size(text, cells, arguments.keep or scratch, arguments.threads, program, arguments.mesh))
             print(table_line(rows[-1], rows[-2] if len(rows) > 1 else None), file=table_goes_to, flush=True)
     if arguments.json == "-":
         print("\n".join(map(json_line, rows)))
