@@ -273,3 +273,16 @@ def test_method_cost_tells_refused_methods_and_writes_its_table(tmp_path, gimp_x
     heading, _, line = (tmp_path / "cost.md").read_text().splitlines()
     assert "1024 particles of square2d" in heading
     assert line.startswith("| cpdi | ") and 0.1 < float(line.split("|")[2]) < 100.0
+
+
+def test_meshes_are_measured_beside_the_grid(tmp_path, gimp_x):
+    done = subprocess.run([sys.executable, str(BENCHMARKS / "meshes.py"), "--cases", "quad4", "--bases", "linear,bspline2", "--cells", "6,4", "--steps", "4,2",
+                           "--pairs", "1", "--markdown", str(tmp_path / "meshes.md")], capture_output=True, text=True, env={**os.environ, "GIMP_X": str(gimp_x)})
+    assert done.returncode == 0, done.stderr
+    assert "bspline2 in 2D: gimp.x refuses" in done.stderr  # splines need a grid
+    heading, _, line = (tmp_path / "meshes.md").read_text().splitlines()
+    cells = [cell.strip() for cell in line.split("|")[1:-1]]
+    assert cells[:3] == ["quad4, 4 nodes", "linear", "144"] and len(cells) == heading.count("|") - 1
+    assert all(float(cells[k]) > 0.0 for k in (3, 5))  # how large is a matter of the machine
+    visits, leaves, bound = map(float, cells[8:])
+    assert visits >= 1.0 and bound == pytest.approx(1.0 + 1.2*leaves, abs=2e-4)  # four digits are printed
