@@ -4,6 +4,7 @@ in every frame, every row of the history, and the same counts; on another number
 Checkpoints that cannot be trusted are refused. Five runs are killed at random times until they are done; the environment variable
 GIMP_KILLS asks for more.
 """
+import re
 import os
 import random
 import signal
@@ -238,10 +239,15 @@ def test_foreign_newer_and_older_files(gimp_x, copy):
     told = refused(gimp_x, folder, text, "block.checkpoint.h5")  # as a kill between two renames leaves it
     assert "block.checkpoint.h5: no such file; block.checkpoint.old.h5 is whole (step 30)" in told
     sound = (folder / "moved.h5").read_bytes()
-    (folder / "newer.h5").write_bytes(sound.replace(b" version            4 ", b" version            5 ", 1))
-    assert "newer.h5: has format version 5, newer than the 4" in refused(gimp_x, folder, text, "newer.h5")
-    (folder / "older.h5").write_bytes(sound.replace(b" version            4 ", b" version            3 ", 1))
-    assert "older.h5: has format version 3, older than the 4 that this program knows; the gimp.x that wrote it" \
+    now = int(re.search(rb" version +(\d+) ", sound).group(1))
+
+    def of_version(number):
+        return sound.replace(b" version            %d " % now, b" version            %d " % number, 1)
+
+    (folder / "newer.h5").write_bytes(of_version(now + 1))
+    assert f"newer.h5: has format version {now + 1}, newer than the {now}" in refused(gimp_x, folder, text, "newer.h5")
+    (folder / "older.h5").write_bytes(of_version(now - 1))
+    assert f"older.h5: has format version {now - 1}, older than the {now} that this program knows; the gimp.x that wrote it" \
         in refused(gimp_x, folder, text, "older.h5")
 
 
