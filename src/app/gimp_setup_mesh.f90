@@ -56,9 +56,8 @@ contains
     call refuse(triangle6, "the shape functions of their corners have an integral of zero, so that those nodes have next to no mass; make a " &
                 //"mesh of triangle3")
     call refuse(quad8, "the shape functions of their corners have a negative integral, so that those nodes have a negative mass; make a mesh " &
-                //"of quad4 or quad9")
-    if (word_of(scene, "method", 1, "basis") == "ddmp") &
-      call refuse(quad9, "basis = 'ddmp' is for linear elements; make a mesh of quad4 or take basis = 'linear'")
+                //"of quad4")
+    call refuse(quad9, "their shape functions are negative in parts, so that nodes at the rim of a body get negative masses; make a mesh of quad4")
 
   contains
 
