@@ -114,8 +114,9 @@ def leaning():
 MESHES = {"quad4": lambda: block("quad4", [10, 10], 0.3), "triangle3": lambda: block("triangle3", [10, 10], 0.3),
           "rows of triangles": lambda: makers.distort(makers.triangle_rows([0.0, 0.0], [1.0, 1.0], 0.1), 0.3, 1),
           "hybrid": lambda: makers.distort(makers.hybrid([0.0, 0.0], [1.0, 1.0], (10, 10), 0.5), 0.3, 1),
-          "tetrahedron4": lambda: block("tetrahedron4", [6, 6, 6], 0.3), "hexahedron8": leaning}
-SOLID = ["tetrahedron4", "hexahedron8"]
+          "tetrahedron4": lambda: block("tetrahedron4", [6, 6, 6], 0.3), "hexahedron8": leaning,
+          "warped": lambda: block("hexahedron8", [6, 6, 6], 0.3)}
+SOLID = ["tetrahedron4", "hexahedron8", "warped"]
 
 
 def on_mesh(folder, name, body, keys, more=""):
