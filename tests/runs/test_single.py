@@ -20,7 +20,17 @@ def test_version_names_the_precision(gimp_x, gimp_sp_x):
     assert say[0].replace("double", "single") == say[1]
 
 
-@pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
+MESHES = [scene for scene in SCENES if "&mesh" in scene.read_text()]
+GRIDS = [scene for scene in SCENES if scene not in MESHES]
+
+
+@pytest.mark.parametrize("scene", MESHES, ids=lambda path: path.stem)
+def test_meshes_want_double_precision(scene, run_single, tmp_path):
+    run = run_single(scene, tmp_path, **FEW_FRAMES)
+    assert run.code == 2 and "meshes are for the program in double precision, gimp.x; this one is in single" in run.stderr
+
+
+@pytest.mark.parametrize("scene", GRIDS, ids=lambda path: path.stem)
 def test_scene_runs_and_is_finite(scene, run_single, tmp_path):
     run = run_single(scene, tmp_path, time__max_steps=STEPS, **FEW_FRAMES).succeeded()
     summary = run.summary
