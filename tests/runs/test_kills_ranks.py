@@ -61,6 +61,13 @@ def wait_for_ranks(run):
         time.sleep(0.01)
 
 
+def wait_for_words(run, log):
+    """Until the ranks have found each other and the first has said something: mpirun may wait forever for one that is killed
+    while Open MPI starts it, which is no matter of ours"""
+    while run.poll() is None and log.stat().st_size == 0:
+        time.sleep(0.01)
+
+
 def is_alive(pid):
     try:
         with open(f"/proc/{pid}/stat") as file:
@@ -80,6 +87,8 @@ def run_with_kills(gimp_x, whole, folder, kind, dice):
         killed = False
         if kills < EACH:
             wait_for_ranks(run)
+            if kind == "rank":
+                wait_for_words(run, folder / "log")
         try:
             run.wait(timeout=dice.uniform(0.0, 0.4)*seconds if kills < EACH else 300)
         except subprocess.TimeoutExpired:
